@@ -1,0 +1,7 @@
+//! One camera, the pose between two, and the calibrated pair.
+
+mod calibration;
+mod model;
+
+pub use calibration::{AlignedFrame, Parameter, Pose, StereoCalibration, ViewResidual};
+pub use model::{CameraModel, Distortion};

@@ -1,0 +1,9 @@
+//! From two cameras to obstacle ranges, on a CPU.
+
+pub mod camera;
+pub mod error;
+pub mod image;
+pub mod matching;
+pub mod rectification;
+
+pub use error::{Error, Result};

@@ -1,0 +1,119 @@
+//! What a user can choose about matching: meaning, legal range, default, and what to try.
+
+use crate::error::{Error, Result};
+
+/// How a pixel's cost is formed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Sum of absolute differences over a square window (eq. 5 of the paper).
+    #[default]
+    Sad,
+}
+
+/// What is done to both images before they are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Prefilter {
+    /// Grey values as they are, as in the paper. Needs both cameras equally exposed.
+    None,
+    /// Horizontal Sobel derivative, clipped: insensitive to exposure differences.
+    #[default]
+    XSobel,
+}
+
+/// Parameters of a [`StereoMatcher`](super::StereoMatcher).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MatcherParams {
+    /// Cost.
+    pub method: Method,
+    /// How many whole-pixel disparities to search, 1 to 1024. Must cover the nearest obstacle: `f·b / Z_near`.
+    pub num_disparities: usize,
+    /// Smallest disparity to search, px, 0 to 4095 - `num_disparities`. Above zero, far things are not seen.
+    pub min_disparity: usize,
+    /// Side of the window, odd, 1 to 31 px. Larger is smoother and fattens edges. Try 9 on sharp, 15 on noisy images.
+    pub block_size: usize,
+    /// Applied to both images.
+    pub prefilter: Prefilter,
+    /// Derivatives are clipped to plus or minus this, 1 to 63. Only with [`Prefilter::XSobel`].
+    pub prefilter_cap: u8,
+    /// Reject unless every non-neighbouring candidate costs at least this many percent more, 0 (off) to 100.
+    pub uniqueness_ratio: u8,
+    /// Reject windows whose prefiltered texture `Σ|I - mean level|` is below this many grey levels per pixel times
+    /// the window's area; 0 is off.
+    pub texture_threshold: u32,
+    /// Reject where the right image's own best match differs by more than this many whole pixels; `None` is off.
+    pub left_right_max_diff: Option<u16>,
+    /// Reject islands of fewer pixels than this; 0 is off.
+    pub speckle_size: usize,
+    /// Neighbours belong to one island if their disparities differ by no more than this, px.
+    pub speckle_range: u16,
+    /// Refine to 1/16 px from the costs of both neighbours.
+    pub subpixel: bool,
+    /// Threads; `None` is all cores, and `EPILINE_THREADS` caps either. The result does not depend on it.
+    pub threads: Option<usize>,
+}
+
+impl Default for MatcherParams {
+    fn default() -> Self {
+        Self {
+            method: Method::Sad,
+            num_disparities: 64,
+            min_disparity: 0,
+            block_size: 15,
+            prefilter: Prefilter::XSobel,
+            prefilter_cap: 31,
+            uniqueness_ratio: 0,
+            texture_threshold: 0,
+            left_right_max_diff: None,
+            speckle_size: 0,
+            speckle_range: 2,
+            subpixel: true,
+            threads: None,
+        }
+    }
+}
+
+impl MatcherParams {
+    /// Largest number of disparities.
+    pub const MAX_DISPARITIES: usize = 1024;
+    /// Largest window side, pixels.
+    pub const MAX_BLOCK_SIZE: usize = 31;
+    /// Disparities are stored in sixteenths in 16 bits, so none reaches 4096.
+    pub const MAX_DISPARITY: usize = 4095;
+
+    /// Fails with the name and value of the first parameter outside its range.
+    pub fn validate(&self) -> Result<()> {
+        let n = self.num_disparities;
+        if n == 0 || n > Self::MAX_DISPARITIES {
+            let expected = format!("must be 1 to {} px", Self::MAX_DISPARITIES);
+            return Err(Error::invalid("num_disparities", format!("{n} px"), expected));
+        }
+        if self.min_disparity + n > Self::MAX_DISPARITY {
+            return Err(Error::invalid(
+                "min_disparity",
+                format!("{} px", self.min_disparity),
+                format!("min_disparity + num_disparities must not exceed {} px", Self::MAX_DISPARITY),
+            ));
+        }
+        if self.block_size.is_multiple_of(2) || self.block_size > Self::MAX_BLOCK_SIZE {
+            return Err(Error::invalid(
+                "block_size",
+                format!("{} px", self.block_size),
+                format!("must be odd, 1 to {} px", Self::MAX_BLOCK_SIZE),
+            ));
+        }
+        if !(1..=63).contains(&self.prefilter_cap) {
+            return Err(Error::invalid("prefilter_cap", self.prefilter_cap, "must be 1 to 63 grey levels"));
+        }
+        if self.uniqueness_ratio > 100 {
+            return Err(Error::invalid(
+                "uniqueness_ratio",
+                format!("{} %", self.uniqueness_ratio),
+                "must be 0 to 100 %",
+            ));
+        }
+        if self.threads == Some(0) {
+            return Err(Error::invalid("threads", 0, "must be at least 1, or None for all cores"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,5 @@
+//! Maps that put epipolar lines on scan-lines, and how well they lie there.
+
+mod geometry;
+
+pub use geometry::RectifiedGeometry;
