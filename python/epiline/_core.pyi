@@ -263,7 +263,6 @@ def to_range(
     geometry: RectifiedGeometry,
     *,
     disparity_sigma_px: float = 0.25,
-    calibration: StereoCalibration | None = None,
 ) -> RangeImage: ...
 
 @final

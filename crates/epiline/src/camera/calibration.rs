@@ -103,6 +103,27 @@ impl Parameter {
     ];
 }
 
+/// What a calibration's own uncertainty does to depth: `var(Z) = z2·Z² + z3·Z³ + z4·Z⁴`, metres².
+///
+/// `z2` comes from scale (focal length, baseline), `z4` from the pointing of one camera against the other, `z3`
+/// from their covariance. Zero everywhere if the uncertainty is unknown.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct DepthVariance {
+    /// Coefficient of Z².
+    pub z2: f64,
+    /// Coefficient of Z³.
+    pub z3: f64,
+    /// Coefficient of Z⁴.
+    pub z4: f64,
+}
+
+impl DepthVariance {
+    /// Variance of a depth, metres².
+    pub fn at(&self, depth_m: f64) -> f64 {
+        depth_m * depth_m * (self.z2 + depth_m * (self.z3 + depth_m * self.z4))
+    }
+}
+
 /// How well one pair of photographs agrees with the calibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewResidual {

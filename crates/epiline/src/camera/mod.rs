@@ -3,5 +3,5 @@
 mod calibration;
 mod model;
 
-pub use calibration::{AlignedFrame, Parameter, Pose, StereoCalibration, ViewResidual};
+pub use calibration::{AlignedFrame, DepthVariance, Parameter, Pose, StereoCalibration, ViewResidual};
 pub use model::{CameraModel, Distortion};

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix4};
 
+use crate::camera::DepthVariance;
 use crate::error::{Error, Result};
 
 /// Geometry of an aligned pair: both views share focal length, principal row and orientation.
@@ -26,6 +27,8 @@ pub struct RectifiedGeometry {
     pub baseline_m: f64,
     /// Rotates left-camera directions into the aligned frame; identity if unknown.
     pub aligned_from_left: Matrix3<f64>,
+    /// What the calibration's own uncertainty does to depth.
+    pub calibration_variance: DepthVariance,
 }
 
 impl RectifiedGeometry {
@@ -51,8 +54,17 @@ impl RectifiedGeometry {
                 return Err(Error::invalid(name, format!("{value} px"), "must be finite"));
             }
         }
-        let aligned_from_left = Matrix3::identity();
-        Ok(Self { width, height, focal_px, cx_px, cy_px, doffs_px, baseline_m, aligned_from_left })
+        Ok(Self {
+            width,
+            height,
+            focal_px,
+            cx_px,
+            cy_px,
+            doffs_px,
+            baseline_m,
+            aligned_from_left: Matrix3::identity(),
+            calibration_variance: DepthVariance::default(),
+        })
     }
 
     /// Depth Z along the optical axis for a disparity, metres. Not positive finite where the rays do not meet in front.
