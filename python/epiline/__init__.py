@@ -1,0 +1,116 @@
+"""From two cameras to obstacle ranges, live, on a CPU.
+
+The path of the data, and where each step is documented::
+
+    find_boards -> calibrate -> Rectifier -> match -> to_range -> profile, find_obstacles
+                                 `------------- Pipeline.process -------------'
+
+Importing epiline loads NumPy and the compiled core; OpenCV and the rest load where boards, files or pages are.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from epiline._core import (
+    AlignmentError,
+    CameraModel,
+    DisparityMap,
+    Error,
+    FrameResult,
+    Obstacle,
+    Pipeline,
+    RangeCurve,
+    RangeImage,
+    RectifiedGeometry,
+    RectifiedPair,
+    Rectifier,
+    Region,
+    RegionProfile,
+    StereoCalibration,
+    StereoMatcher,
+    ViewResidual,
+    __version__,
+    alignment_error,
+    calibrate_points,
+    equalize,
+    find_obstacles,
+    fit_range_curve,
+    gaussian_low_pass,
+    grey,
+    paper_regions,
+    profile,
+    simd_level,
+    to_range,
+    xsobel,
+)
+from epiline._operations import calibrate, match
+from epiline.targets.boards import Chessboard
+
+if TYPE_CHECKING:
+    from epiline import tsai
+    from epiline.evaluation import Evaluation, evaluate
+    from epiline.targets import Observations, find_boards
+
+__all__ = [
+    "AlignmentError",
+    "CameraModel",
+    "Chessboard",
+    "DisparityMap",
+    "Error",
+    "Evaluation",
+    "FrameResult",
+    "Observations",
+    "Obstacle",
+    "Pipeline",
+    "RangeCurve",
+    "RangeImage",
+    "RectifiedGeometry",
+    "RectifiedPair",
+    "Rectifier",
+    "Region",
+    "RegionProfile",
+    "StereoCalibration",
+    "StereoMatcher",
+    "ViewResidual",
+    "__version__",
+    "alignment_error",
+    "calibrate",
+    "calibrate_points",
+    "equalize",
+    "evaluate",
+    "find_boards",
+    "find_obstacles",
+    "fit_range_curve",
+    "gaussian_low_pass",
+    "grey",
+    "match",
+    "paper_regions",
+    "profile",
+    "simd_level",
+    "to_range",
+    "tsai",
+    "xsobel",
+]
+
+_LOADED_ON_USE = {
+    "Evaluation": "epiline.evaluation",
+    "Observations": "epiline.targets",
+    "evaluate": "epiline.evaluation",
+    "find_boards": "epiline.targets",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Loads what needs more than NumPy when it is first asked for."""
+    import importlib
+
+    if name == "tsai":
+        return importlib.import_module("epiline.tsai")
+    if name in _LOADED_ON_USE:
+        return getattr(importlib.import_module(_LOADED_ON_USE[name]), name)
+    raise AttributeError(f"module 'epiline' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

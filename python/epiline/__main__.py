@@ -1,0 +1,7 @@
+"""`python -m epiline` is the command `epiline`."""
+
+import sys
+
+from epiline.cli import main
+
+sys.exit(main())
