@@ -49,18 +49,18 @@ fn describe(object: &Bound<'_, PyAny>) -> String {
     }
 }
 
-fn contiguous_or_copy<T: Element + Copy>(
+fn contiguous_or_copy<'py, T: Element + Copy + Default>(
     name: &'static str,
-    array: PyReadonlyArray2<'_, T>,
-    copy: impl FnOnce(Vec<T>) -> epiline::Result<Image<T>>,
-) -> PyResult<Pixels<'_, T>> {
+    array: PyReadonlyArray2<'py, T>,
+) -> PyResult<Pixels<'py, T>> {
     let (height, width) = (array.shape()[0], array.shape()[1]);
     if array.is_c_contiguous() {
         // Checked here so that `view` cannot fail later.
         ImageRef::new(name, array.as_slice()?, width, height).or_raise()?;
         return Ok(Pixels::Borrowed(array));
     }
-    Ok(Pixels::Owned(copy(array.as_array().iter().copied().collect()).or_raise()?))
+    let data = array.as_array().iter().copied().collect();
+    Ok(Pixels::Owned(Image::from_vec(name, data, width, height).or_raise()?))
 }
 
 /// A single-channel image from Python: borrowed where its rows are contiguous, else copied.
@@ -88,8 +88,7 @@ impl<T: Element + Copy + Default> Pixels<'_, T> {
 /// A grey image from a `(H, W)` or `(H, W, 3)` uint8 array; colour (BGR) is converted.
 pub fn grey_image<'py>(name: &'static str, object: &Bound<'py, PyAny>) -> PyResult<Pixels<'py, u8>> {
     if let Ok(array) = object.extract::<PyReadonlyArray2<'py, u8>>() {
-        let (height, width) = (array.shape()[0], array.shape()[1]);
-        return contiguous_or_copy(name, array, |data| Image::from_vec(name, data, width, height));
+        return contiguous_or_copy(name, array);
     }
     if let Ok(array) = object.extract::<PyReadonlyArray3<'py, u8>>()
         && array.shape()[2] == 3
@@ -104,7 +103,7 @@ pub fn grey_image<'py>(name: &'static str, object: &Bound<'py, PyAny>) -> PyResu
         };
         let (bgr, _) = bytes.as_chunks::<3>();
         let mut grey = Image::default();
-        grey_from_bgr(ImageRef::new(name, bgr, width, height).or_raise()?, &mut grey).or_raise()?;
+        grey_from_bgr(ImageRef::new(name, bgr, width, height).or_raise()?, &mut grey);
         return Ok(Pixels::Owned(grey));
     }
     let given = describe(object);
@@ -122,19 +121,15 @@ pub fn mask_image(name: &'static str, object: &Bound<'_, PyAny>) -> PyResult<Ima
 }
 
 /// A `(H, W)` array of exactly the element type `T`; no conversion, so that a wrong type is an error and not a guess.
-pub fn typed_image<'py, T: Element + Copy>(
+pub fn typed_image<'py, T: Element + Copy + Default>(
     name: &'static str,
     object: &Bound<'py, PyAny>,
     dtype: &str,
-) -> PyResult<Pixels<'py, T>>
-where
-    T: Default,
-{
+) -> PyResult<Pixels<'py, T>> {
     let array = object.extract::<PyReadonlyArray2<'py, T>>().map_err(|_| {
         PyValueError::new_err(format!("{name}: expected a {dtype} array (H, W), got {}", describe(object)))
     })?;
-    let (height, width) = (array.shape()[0], array.shape()[1]);
-    contiguous_or_copy(name, array, |data| Image::from_vec(name, data, width, height))
+    contiguous_or_copy(name, array)
 }
 
 /// Anything NumPy reads as `rows x N` float64 (lists included), row after row.

@@ -4,6 +4,7 @@ pub mod camera;
 pub mod error;
 pub mod image;
 pub mod matching;
+pub mod preprocess;
 pub mod rectification;
 
 pub use error::{Error, Result};
