@@ -1,0 +1,136 @@
+"""`epiline calibrate`: photographs of a board in, a rig file and a verdict out."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from epiline._core import StereoCalibration
+from epiline._operations import calibrate
+from epiline.cli.arguments import positive, whole
+from epiline.cli.console import note, print_json, print_table, progress, say
+from epiline.targets.boards import Chessboard, parse_board, parse_length
+from epiline.verdict import Verdict, judge
+
+if TYPE_CHECKING:
+    from epiline.targets import Observations
+
+_DEPTHS_M = (1.0, 2.0, 4.0, 8.0)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("images", nargs="*", metavar="IMAGES", help="a folder of pairs, two folders or globs, or image files")
+    parser.add_argument("--left", nargs="+", metavar="IMAGE", help="left photographs, instead of IMAGES")
+    parser.add_argument("--right", nargs="+", metavar="IMAGE", help="right photographs, instead of IMAGES")
+    parser.add_argument("--board", required=True, metavar="9x6", help="inner corners, columns x rows")
+    parser.add_argument("--square", required=True, metavar="25mm", help="side of a square: 25mm, 2.5cm, 0.025m")
+    parser.add_argument("-o", "--output", type=Path, metavar="RIG", help="write the rig (YAML)")
+    parser.add_argument("--method", choices=("bundle", "tsai"), default="bundle", help="default %(default)s")
+    parser.add_argument("--model", choices=("brown4", "brown5"), default="brown4", help="lens: k1 k2 p1 p2, or with k3 (default %(default)s)")
+    parser.add_argument("--loss", choices=("huber", "squared"), default="huber", help="default %(default)s")
+    parser.add_argument("--half-window", type=whole(1), metavar="PX", help="corner refinement window, half its side (default: follows the board)")
+    parser.add_argument("--threads", type=whole(1), metavar="N", help="threads that look for boards (default: all cores)")
+    parser.add_argument("--report", type=Path, metavar="HTML", help="write a page with coverage, views and uncertainty")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> None:
+    columns, rows = parse_board(args.board)
+    board = Chessboard(columns=columns, rows=rows, square_m=parse_length(args.square))
+    left, right = _photographs(args)
+    observations = find(left, right, board, half_window=args.half_window, threads=args.threads)
+    calibration = calibrate(observations, method=args.method, model=args.model, loss=args.loss)
+    verdict = judge(calibration)
+    if args.output:
+        calibration.save(args.output)
+    if args.report:
+        from epiline.cli.reporting import write_calibration_report
+
+        write_calibration_report(args.report, calibration, observations, verdict)
+    if args.json:
+        print_json(as_json(calibration, observations, verdict))
+        return
+    print_calibration(calibration, observations, verdict)
+    for path in filter(None, (args.output, args.report)):
+        say(f"wrote {path}")
+
+
+def _photographs(args: argparse.Namespace) -> tuple[Sequence[Path], Sequence[Path]]:
+    from epiline.sources import ImagePairs, open_source
+
+    if bool(args.left) != bool(args.right) or bool(args.left) == bool(args.images):
+        raise ValueError("give either IMAGES or both --left and --right")
+    if args.left:
+        if len(args.left) != len(args.right):
+            raise ValueError(f"--left has {len(args.left)} photographs, --right {len(args.right)}; each needs its partner")
+        return [Path(p) for p in args.left], [Path(p) for p in args.right]
+    source = open_source(args.images, unpaired="skip")
+    if not isinstance(source, ImagePairs):
+        raise ValueError(f"{' '.join(args.images)}: calibration needs photographs as separate left and right files")
+    for path in source.unpaired:
+        note(f"{path}: has no partner, left out")
+    return [pair.left for pair in source.pairs], [pair.right for pair in source.pairs]
+
+
+def find(
+    left: Sequence[Path], right: Sequence[Path], board: Chessboard, *, half_window: int | None, threads: int | None
+) -> Observations:
+    """Finds the board in every pair, showing progress."""
+    from epiline.targets import find_boards
+
+    with progress("looking for boards", len(left)) as advance:
+        return find_boards(
+            left, right, board, corner_half_window=half_window, threads=threads, progress=lambda *_: advance()
+        )
+
+
+def print_calibration(calibration: StereoCalibration, observations: Observations, verdict: Verdict) -> None:
+    """The rig, its uncertainty, every rejected view with its reason, and the verdict."""
+    for view in observations.rejected:
+        say(f"left out {view.name_left} / {view.name_right}: {view.reason}")
+    names = [view.name_left for view in observations.views if view.accepted]
+    rows = [(n, f"{v.left_rms_px:.3f}", f"{v.right_rms_px:.3f}") for n, v in zip(names, calibration.views, strict=True)]
+    print_table(f"{len(rows)} of {len(observations.views)} pairs", ("pair", "left rms px", "right rms px"), rows)
+    sigma = calibration.sigma
+    cameras = []
+    for side, camera in (("left", calibration.left), ("right", calibration.right)):
+        matrix = camera.camera_matrix
+        values = (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
+        cells = [f"{v:.2f} ± {sigma.get(f'{side}_{n}', float('nan')):.2f}" for n, v in zip(("fx", "fy", "cx", "cy"), values, strict=True)]
+        cameras.append((side, *cells, " ".join(f"{c:.4g}" for c in camera.distortion)))
+    print_table("cameras, px", ("", "fx", "fy", "cx", "cy", "k1 k2 p1 p2 k3"), cameras)
+    baseline_sigma_mm = 1e3 * sigma.get("translation_x_m", float("nan"))
+    say(f"baseline {1e3 * calibration.baseline_m:.3f} ± {baseline_sigma_mm:.3f} mm")
+    say(f"stereo rms {calibration.rms_px:.4f} px, held-out epipolar error {calibration.epipolar_error_px:.4f} px")
+    depths = ", ".join(f"{1e3 * calibration.range_sigma(z):.1f} mm at {z:g} m" for z in _DEPTHS_M)
+    say(f"range sigma from calibration alone: {depths}")
+    say(f"verdict: {verdict}")
+
+
+def as_json(calibration: StereoCalibration, observations: Observations, verdict: Verdict) -> dict[str, object]:
+    """Everything :func:`print_calibration` says."""
+
+    def camera(side: str) -> dict[str, object]:
+        model = getattr(calibration, side)
+        return {"camera_matrix": model.camera_matrix.tolist(), "distortion": model.distortion.tolist()}
+
+    return {
+        "views": [
+            {"left": str(v.name_left), "right": str(v.name_right), "accepted": v.accepted, "reason": v.reason}
+            for v in observations.views
+        ],
+        "view_rms_px": [[v.left_rms_px, v.right_rms_px] for v in calibration.views],
+        "image_size": list(calibration.image_size),
+        "left": camera("left"),
+        "right": camera("right"),
+        "rotation": calibration.rotation.tolist(),
+        "translation_m": calibration.translation_m.tolist(),
+        "baseline_m": calibration.baseline_m,
+        "rms_px": calibration.rms_px,
+        "epipolar_error_px": calibration.epipolar_error_px,
+        "sigma": calibration.sigma,
+        "range_sigma_m": {f"{z:g}": calibration.range_sigma(z) for z in _DEPTHS_M},
+        "verdict": {"grade": verdict.grade, "reasons": list(verdict.reasons)},
+    }

@@ -1,0 +1,127 @@
+"""`epiline run`: the continuous process. Pairs in, ranges and obstacles out, a line per frame."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from epiline._core import FrameResult, Pipeline, StereoMatcher
+from epiline.cli.arguments import add_matcher_arguments, load_rig, matcher_from, positive, whole
+from epiline.cli.configuration import Configuration, read_configuration
+from epiline.cli.console import print_table, progress, say
+
+if TYPE_CHECKING:
+    from epiline.sources import Frame, Source
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("source", nargs="+", metavar="SOURCE", help="a folder of pairs, two folders, globs or videos, sbs:VIDEO, demo:")
+    parser.add_argument("--rig", type=Path, required=True, help="rig file, or calib.txt of an aligned sequence")
+    parser.add_argument("--config", type=Path, metavar="TOML", help="matcher, pipeline and regions; options given here win")
+    parser.add_argument("--jsonl", metavar="FILE", help="write a JSON line per frame; - is standard output")
+    parser.add_argument("--json", dest="jsonl", action="store_const", const="-", help="the same as --jsonl -")
+    parser.add_argument("--report", type=Path, metavar="HTML", help="write a page with maps, profiles and obstacles")
+    parser.add_argument("--limit", type=whole(1), metavar="N", help="stop after N frames")
+    parser.add_argument("--equalize", action="store_true", default=None, help="equalise histograms first (eq. 3)")
+    parser.add_argument("--max-range", type=positive, metavar="M", help="report obstacles up to this range")
+    add_matcher_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    from epiline.sources import open_source
+
+    config = read_configuration(args.config) if args.config else Configuration()
+    rig = load_rig(args.rig)
+    to_stdout = args.jsonl == "-"
+    with ExitStack() as stack:
+        source = stack.enter_context(open_source(args.source))
+        pipeline = make_pipeline(args, config, rig, source.size)
+        sink = _open_sink(args.jsonl, stack)
+        recorder = _Recorder(args.report, source, rig) if args.report else None
+        rows: list[tuple[object, ...]] = []
+        length = source.length if args.limit is None else min(args.limit, source.length or args.limit)
+        advance = stack.enter_context(progress("running", length))
+        for count, frame in enumerate(source, start=1):
+            result = pipeline.process(frame.left, frame.right)
+            if sink:
+                sink.write(frame, result)
+            if recorder:
+                recorder.add(frame, result)
+            if not to_stdout:
+                rows.append(_row(frame, result))
+            advance()
+            if count == args.limit:
+                break
+    if rows:
+        bands = [region.name for region in pipeline.regions]
+        print_table("", ("frame", "dy px", "valid %", *(f"{b} m" for b in bands), "obstacles", "nearest", "ms"), rows)
+    if recorder:
+        recorder.write(args.report)
+        if not to_stdout:
+            say(f"wrote {args.report}")
+
+
+def make_pipeline(
+    args: argparse.Namespace, config: Configuration, rig: Any, size: tuple[int, int]
+) -> Pipeline:
+    """The pipeline of the options over the configuration over the defaults."""
+    matcher = matcher_from(args, size[0])
+    if config.matcher:
+        matcher = StereoMatcher(**{**matcher.parameters, **config.matcher})
+    settings: dict[str, Any] = dict(config.pipeline)
+    if args.equalize is not None:
+        settings["equalize"] = args.equalize
+    if args.max_range is not None:
+        settings["max_range_m"] = args.max_range
+    return Pipeline(rig, matcher=matcher, regions=config.regions or None, **settings)
+
+
+def _open_sink(path: str | None, stack: ExitStack) -> Any:
+    from epiline.sinks.jsonl import JsonLines
+
+    if path is None:
+        return None
+    return JsonLines(sys.stdout) if path == "-" else stack.enter_context(JsonLines.open(Path(path)))
+
+
+def _row(frame: Frame, result: FrameResult) -> tuple[object, ...]:
+    nearest = min((o for o in result.obstacles), key=lambda o: o.range_m, default=None)
+    alignment = "-" if result.alignment is None else f"{result.alignment.median_px:.2f}"
+    return (
+        frame.name,
+        alignment,
+        f"{100 * result.disparity.density:.1f}",
+        *(f"{p.range_m:.2f} ± {p.sigma_m:.2f}" if p.range_m == p.range_m else "-" for p in result.profiles),
+        len(result.obstacles),
+        "-" if nearest is None else f"{nearest.range_m:.2f} ± {nearest.sigma_m:.2f} m",
+        f"{sum(v for k, v in result.stage_ms.items() if k != 'total'):.1f}",
+    )
+
+
+class _Recorder:
+    """Keeps of the run what its report shows."""
+
+    def __init__(self, path: Path, source: Source, rig: object) -> None:
+        from epiline.report import FrameRecorder
+
+        self._frames = FrameRecorder(expected=None)
+        self._rig = rig
+        if not path.resolve().parent.is_dir():
+            raise FileNotFoundError(2, "the folder of the report does not exist", str(path.parent))
+
+    def add(self, frame: Frame, result: FrameResult) -> None:
+        from epiline.report import FrameSection, RawPair
+
+        self._frames.add(
+            FrameSection.from_result(
+                result, index=frame.seq, name=frame.name, before=RawPair(left=frame.left, right=frame.right)
+            )
+        )
+
+    def write(self, path: Path) -> None:
+        from epiline.cli.reporting import write_run_report
+
+        write_run_report(path, self._frames, self._rig)
