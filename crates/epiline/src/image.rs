@@ -26,7 +26,8 @@ impl<T> Clone for ImageRef<'_, T> {
 }
 impl<T> Copy for ImageRef<'_, T> {}
 
-fn check_extent(name: &'static str, width: usize, height: usize, stride: usize, actual: usize) -> Result<()> {
+/// Fails, naming the image, unless both sides are 1 to [`MAX_SIDE_PX`].
+pub(crate) fn check_sides(name: &'static str, width: usize, height: usize) -> Result<()> {
     if width == 0 || height == 0 || width > MAX_SIDE_PX || height > MAX_SIDE_PX {
         return Err(Error::invalid(
             name,
@@ -34,6 +35,11 @@ fn check_extent(name: &'static str, width: usize, height: usize, stride: usize, 
             format!("each side must be 1 to {MAX_SIDE_PX} px"),
         ));
     }
+    Ok(())
+}
+
+fn check_extent(name: &'static str, width: usize, height: usize, stride: usize, actual: usize) -> Result<()> {
+    check_sides(name, width, height)?;
     let needed =
         if stride < width { usize::MAX } else { stride.saturating_mul(height - 1).saturating_add(width) };
     if actual < needed {

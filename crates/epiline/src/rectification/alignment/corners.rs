@@ -1,0 +1,161 @@
+//! Points that can be located in both directions, spread over the image.
+
+use std::cmp::Reverse;
+
+use crate::image::{Image, ImageRef};
+
+/// Half side of the window over which gradients are gathered, pixels.
+const RADIUS: usize = 3;
+const WINDOW: usize = 2 * RADIUS + 1;
+/// Weakest corner: a mean squared step of 5 grey levels across two pixels in the direction that has least of it.
+const MIN_STRENGTH: f32 = 25.0 * (WINDOW * WINDOW) as f32;
+/// Number of cells along the longer side; the strongest corners are taken from each cell.
+const CELLS: usize = 20;
+/// Smallest cell, pixels.
+const MIN_CELL_PX: usize = 24;
+/// A cell keeps one corner per this many square pixels.
+const AREA_PER_CORNER_PX: usize = 144;
+
+/// A corner at a whole pixel.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Corner {
+    pub x: u16,
+    pub y: u16,
+    /// Place among the corners of its cell, strongest first.
+    pub rank: u16,
+    cell: u16,
+    strength: f32,
+}
+
+/// Finds corners after Shi & Tomasi, "Good features to track", 1994: local maxima of the smaller eigenvalue of
+/// `Σ ∇I ∇Iᵀ` over a window. The sums are exact integers, so the same picture gives the same corners everywhere.
+#[derive(Debug, Default)]
+pub(super) struct CornerDetector {
+    /// `gx²`, `gx·gy` and `gy²` of the last [`WINDOW`] rows, and their sums down each column.
+    products: Vec<[Vec<i32>; 3]>,
+    columns: [Vec<i32>; 3],
+    strength: Image<f32>,
+    /// The corners found, from the top down and from left to right in each row.
+    pub found: Vec<Corner>,
+    /// Index into `found` of the first corner at or below each row; one entry more than there are rows.
+    pub row_starts: Vec<usize>,
+}
+
+impl CornerDetector {
+    /// Finds the corners of an image. None lies nearer than `margin` to its edge or to a pixel that is 0 in `valid`.
+    pub fn detect(&mut self, image: ImageRef<'_, u8>, valid: Option<ImageRef<'_, u8>>, margin: usize) {
+        let (width, height) = (image.width(), image.height());
+        self.found.clear();
+        self.row_starts.clear();
+        if width > 2 * margin && height > 2 * margin {
+            self.measure_strength(image);
+            self.collect_maxima(valid, margin);
+            self.thin_out();
+        }
+        self.row_starts.resize(height + 1, 0);
+        for (y, start) in self.row_starts.iter_mut().enumerate() {
+            *start = self.found.partition_point(|corner| usize::from(corner.y) < y);
+        }
+    }
+
+    /// Fills `strength` wherever the window and its gradients lie inside the image, and 0 elsewhere.
+    fn measure_strength(&mut self, image: ImageRef<'_, u8>) {
+        let (width, height) = (image.width(), image.height());
+        self.strength.resize(width, height);
+        self.strength.fill(0.0);
+        self.products.resize_with(WINDOW, Default::default);
+        for plane in self.products.iter_mut().flatten().chain(&mut self.columns) {
+            plane.clear();
+            plane.resize(width, 0);
+        }
+        for y in 1..height - 1 {
+            let row = &mut self.products[y % WINDOW];
+            for (column, old) in self.columns.iter_mut().zip(row.iter()) {
+                column.iter_mut().zip(old).for_each(|(sum, old)| *sum -= old);
+            }
+            gradient_products(image, y, row);
+            for (column, new) in self.columns.iter_mut().zip(row.iter()) {
+                column.iter_mut().zip(new).for_each(|(sum, new)| *sum += new);
+            }
+            if y >= WINDOW {
+                smaller_eigenvalues(&self.columns, self.strength.row_mut(y - RADIUS));
+            }
+        }
+    }
+
+    fn collect_maxima(&mut self, valid: Option<ImageRef<'_, u8>>, margin: usize) {
+        let (width, height) = (self.strength.width(), self.strength.height());
+        let cell_px = cell_side_px(width, height);
+        let cells_across = width.div_ceil(cell_px);
+        for y in margin..height - margin {
+            let [above, here, below] = [y - 1, y, y + 1].map(|y| self.strength.row(y));
+            for x in margin..width - margin {
+                let strength = here[x];
+                // Of two equal neighbours the earlier one is the maximum.
+                let is_maximum = strength > MIN_STRENGTH
+                    && strength > here[x - 1]
+                    && strength >= here[x + 1]
+                    && above[x - 1..=x + 1].iter().all(|&other| strength > other)
+                    && below[x - 1..=x + 1].iter().all(|&other| strength >= other);
+                if is_maximum && valid.is_none_or(|valid| is_valid_around(valid, x, y, margin)) {
+                    // The larger side has 20 cells, or they are 24 px wide: at most 683², well inside 16 bits only
+                    // because cells grow with the image; see `cell_side_px`.
+                    let cell = (y / cell_px * cells_across + x / cell_px) as u16;
+                    self.found.push(Corner { x: x as u16, y: y as u16, rank: 0, cell, strength });
+                }
+            }
+        }
+    }
+
+    /// Keeps the strongest corners of every cell.
+    fn thin_out(&mut self) {
+        let cell_px = cell_side_px(self.strength.width(), self.strength.height());
+        let per_cell = (cell_px * cell_px / AREA_PER_CORNER_PX) as u16;
+        // Strengths are positive: their bits sort as they do.
+        self.found.sort_unstable_by_key(|c| (c.cell, Reverse(c.strength.to_bits()), c.y, c.x));
+        let mut previous = None;
+        let mut rank = 0;
+        for corner in &mut self.found {
+            rank = if previous == Some(corner.cell) { rank + 1 } else { 0 };
+            previous = Some(corner.cell);
+            corner.rank = rank;
+        }
+        self.found.retain(|corner| corner.rank < per_cell);
+        self.found.sort_unstable_by_key(|c| (c.y, c.x));
+    }
+}
+
+/// At most [`CELLS`]² cells, so that a cell's number fits 16 bits whatever the image.
+fn cell_side_px(width: usize, height: usize) -> usize {
+    width.max(height).div_ceil(CELLS).max(MIN_CELL_PX)
+}
+
+fn is_valid_around(valid: ImageRef<'_, u8>, x: usize, y: usize, margin: usize) -> bool {
+    (y - margin..=y + margin).all(|y| valid.row(y)[x - margin..=x + margin].iter().all(|&v| v != 0))
+}
+
+/// Products of the central differences of row `y`; 0 in the first and last column.
+fn gradient_products(image: ImageRef<'_, u8>, y: usize, [xx, xy, yy]: &mut [Vec<i32>; 3]) {
+    let (above, here, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
+    let inner = 1..here.len() - 1;
+    let across = here.iter().zip(&here[2..]);
+    let down = above[inner.clone()].iter().zip(&below[inner.clone()]);
+    let outputs = xx[inner.clone()].iter_mut().zip(&mut xy[inner.clone()]).zip(&mut yy[inner]);
+    for (((west, east), (north, south)), ((xx, xy), yy)) in across.zip(down).zip(outputs) {
+        let gx = i32::from(*east) - i32::from(*west);
+        let gy = i32::from(*south) - i32::from(*north);
+        (*xx, *xy, *yy) = (gx * gx, gx * gy, gy * gy);
+    }
+}
+
+/// The smaller eigenvalue of the window around every pixel of a row whose window lies inside.
+fn smaller_eigenvalues([xx, xy, yy]: &[Vec<i32>; 3], strength: &mut [f32]) {
+    let inner = RADIUS..strength.len().saturating_sub(RADIUS);
+    let windows = xx.windows(WINDOW).zip(xy.windows(WINDOW)).zip(yy.windows(WINDOW));
+    let sum = |window: &[i32]| window.iter().sum::<i32>() as f32;
+    for (strength, ((xx, xy), yy)) in strength[inner].iter_mut().zip(windows) {
+        let (xx, xy, yy) = (sum(xx), sum(xy), sum(yy));
+        let half_difference = 0.5 * (xx - yy);
+        *strength = 0.5 * (xx + yy) - (half_difference * half_difference + xy * xy).sqrt();
+    }
+}

@@ -1,0 +1,160 @@
+//! Sub-pixel position of a left patch in the right image, by least squares.
+
+use nalgebra::{Cholesky, Const, SMatrix, SVector};
+
+use super::patch::{AREA, HALF, SIDE};
+use crate::image::ImageRef;
+
+/// Farthest the refined position may lie from the whole pixel it started from, pixels.
+const MAX_SHIFT_PX: f32 = 2.0;
+/// Room a patch needs on every side: its half, the interpolation's two pixels and the farthest shift.
+pub(super) const MARGIN: usize = HALF + 2 + MAX_SHIFT_PX as usize;
+
+const MAX_ITERATIONS: usize = 10;
+const CONVERGED_PX: f32 = 0.005;
+/// Least share of the right patch's variance that the left patch must explain.
+const MIN_EXPLAINED: f32 = 0.8;
+/// Largest standard deviation of the row, from the fit's own residuals, pixels.
+const MAX_SIGMA_Y_PX: f32 = 0.15;
+
+/// Unknowns of the fit, in the order of the model's columns.
+const X: usize = 0;
+const Y: usize = 1;
+const GAIN: usize = 2;
+const UNKNOWNS: usize = 6;
+
+type Normal = SMatrix<f32, UNKNOWNS, UNKNOWNS>;
+type Unknowns = SVector<f32, UNKNOWNS>;
+
+/// A left patch `T`, ready to be located in the right image.
+///
+/// The right patch is modelled as
+/// `R(x, y) = gain·T(x, y) + offset + shift_x·Tx + shift_y·Ty + (slope_x·x + slope_y·y)·Tx`
+/// with `Tx, Ty` the derivatives of `T`: gain and offset absorb a difference of exposure, the slopes the change of
+/// disparity across a slanted surface. The system depends on `T` alone and is factorised once (inverse composition,
+/// Baker & Matthews, 2004).
+struct Template {
+    columns: [[f32; AREA]; UNKNOWNS],
+    normal: Cholesky<f32, Const<UNKNOWNS>>,
+}
+
+impl Template {
+    fn around(left: ImageRef<'_, u8>, x: usize, y: usize) -> Option<Self> {
+        let mut columns = [[0f32; AREA]; UNKNOWNS];
+        let [tx, ty, gain, offset, slope_x, slope_y] = &mut columns;
+        for i in 0..AREA {
+            let (dx, dy) = ((i % SIDE) as f32 - HALF as f32, (i / SIDE) as f32 - HALF as f32);
+            let (x, y) = (x + i % SIDE - HALF, y + i / SIDE - HALF);
+            let level = |x, y| f32::from(left.at(x, y));
+            tx[i] = 0.5 * (level(x + 1, y) - level(x - 1, y));
+            ty[i] = 0.5 * (level(x, y + 1) - level(x, y - 1));
+            gain[i] = level(x, y);
+            offset[i] = 1.0;
+            slope_x[i] = dx * tx[i] / HALF as f32;
+            slope_y[i] = dy * tx[i] / HALF as f32;
+        }
+        // Keeps gain and offset apart in single precision.
+        let mean = gain.iter().sum::<f32>() / AREA as f32;
+        gain.iter_mut().for_each(|level| *level -= mean);
+        let normal = Normal::from_fn(|i, j| dot(&columns[i], &columns[j]));
+        Some(Self { normal: normal.cholesky()?, columns })
+    }
+
+    fn project(&self, patch: &[f32; AREA]) -> Unknowns {
+        Unknowns::from_fn(|i, _| dot(&self.columns[i], patch))
+    }
+}
+
+/// Where in the right image the patch around the left pixel `(x, y)` lies, starting from the right pixel `start`;
+/// both at least [`MARGIN`] inside. `None` if it does not settle nearby, fits badly or leaves the row uncertain.
+pub(super) fn locate(
+    left: ImageRef<'_, u8>,
+    [x, y]: [usize; 2],
+    right: ImageRef<'_, u8>,
+    start: [usize; 2],
+) -> Option<[f64; 2]> {
+    let template = Template::around(left, x, y)?;
+    let mut shift = [0f32; 2];
+    for _ in 0..MAX_ITERATIONS {
+        let patch = interpolate(right, start, shift);
+        let projected = template.project(&patch);
+        let fit = template.normal.solve(&projected);
+        if fit[GAIN] <= 0.1 {
+            return None;
+        }
+        let step = [fit[X] / fit[GAIN], fit[Y] / fit[GAIN]];
+        shift = [shift[0] - step[0], shift[1] - step[1]];
+        // Written so that NaN leaves too.
+        if !shift.iter().all(|s| s.abs() < MAX_SHIFT_PX) {
+            return None;
+        }
+        if step[0].hypot(step[1]) < CONVERGED_PX {
+            return template
+                .is_trustworthy(&patch, &projected, &fit)
+                .then(|| [0, 1].map(|axis| start[axis] as f64 + f64::from(shift[axis])));
+        }
+    }
+    None
+}
+
+impl Template {
+    fn is_trustworthy(&self, patch: &[f32; AREA], projected: &Unknowns, fit: &Unknowns) -> bool {
+        let mean = patch.iter().sum::<f32>() / AREA as f32;
+        let variance: f32 = patch.iter().map(|level| (level - mean) * (level - mean)).sum();
+        let modelled = projected.dot(fit) - mean * mean * AREA as f32;
+        let unexplained = (variance - modelled).max(0.0);
+        let of_row = self.normal.solve(&Unknowns::from_fn(|i, _| f32::from(u8::from(i == Y))))[Y];
+        let noise_variance = unexplained / (AREA - UNKNOWNS) as f32;
+        let sigma_y_px = (noise_variance * of_row).sqrt() / fit[GAIN];
+        modelled >= MIN_EXPLAINED * variance && sigma_y_px <= MAX_SIGMA_Y_PX
+    }
+}
+
+/// The right patch around `start + shift`, by cubic convolution (Keys, 1981): linear interpolation would blur the
+/// patch at half pixels and not at whole ones, and pull the answer.
+fn interpolate(right: ImageRef<'_, u8>, start: [usize; 2], shift: [f32; 2]) -> [f32; AREA] {
+    const ROWS: usize = SIDE + 3;
+    let [(x, across), (y, down)] = [0, 1].map(|axis| {
+        let whole = shift[axis].floor();
+        // The first of the four taps lies one before; MARGIN keeps it inside.
+        let first = (start[axis] - HALF - 1).wrapping_add_signed(whole as isize);
+        (first, cubic_weights(shift[axis] - whole))
+    });
+    let mut rows = [[0f32; SIDE]; ROWS];
+    for (row, y) in rows.iter_mut().zip(y..) {
+        let source = &right.row(y)[x..x + ROWS];
+        for (value, taps) in row.iter_mut().zip(source.windows(4)) {
+            *value = across.iter().zip(taps).map(|(w, &tap)| w * f32::from(tap)).sum();
+        }
+    }
+    let mut patch = [0f32; AREA];
+    for (values, taps) in patch.chunks_exact_mut(SIDE).zip(rows.windows(4)) {
+        for (x, value) in values.iter_mut().enumerate() {
+            *value = down.iter().zip(taps).map(|(w, row)| w * row[x]).sum();
+        }
+    }
+    patch
+}
+
+fn cubic_weights(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [
+        0.5 * (-t3 + 2.0 * t2 - t),
+        0.5 * (3.0 * t3 - 5.0 * t2 + 2.0),
+        0.5 * (-3.0 * t3 + 4.0 * t2 + t),
+        0.5 * (t3 - t2),
+    ]
+}
+
+fn dot(a: &[f32; AREA], b: &[f32; AREA]) -> f32 {
+    // Eight sums that do not wait for each other.
+    let mut lanes = [0f32; 8];
+    for (a, b) in a.chunks_exact(8).zip(b.chunks_exact(8)) {
+        for i in 0..8 {
+            lanes[i] += a[i] * b[i];
+        }
+    }
+    let tail = AREA / 8 * 8;
+    let rest: f32 = a[tail..].iter().zip(&b[tail..]).map(|(a, b)| a * b).sum();
+    lanes.iter().sum::<f32>() + rest
+}
