@@ -1,0 +1,150 @@
+"""A calibration, as the template shows it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from epiline.report.charts import column_chart
+from epiline.report.figures import coverage_figure
+from epiline.report.model import CalibrationSection, RejectedView, Verdict
+from epiline.report.numbers import percent, plus_minus, quantity, relative_error, signed_percent, significant
+from epiline.report.protocols import CalibrationLike, CameraLike
+
+RANGES_M = (1.0, 2.0, 4.0, 8.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruthView:
+    """A line of the table of recovered against true values."""
+
+    name: str
+    recovered: str
+    truth: str
+    error: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationView:
+    """Everything the template shows of a calibration."""
+
+    verdict: Verdict | None
+    facts: Sequence[tuple[str, str]]
+    range_sigma: Sequence[tuple[str, str, str]]
+    residuals: Markup | None
+    coverage: Sequence[tuple[str, Markup]]
+    rejected: Sequence[RejectedView]
+    truth: Sequence[TruthView]
+
+
+def calibration_view(section: CalibrationSection) -> CalibrationView:
+    """Draws a calibration."""
+    calibration = section.calibration
+    return CalibrationView(
+        verdict=section.verdict,
+        facts=_facts(section),
+        range_sigma=_range_sigma(calibration),
+        residuals=_residuals(section),
+        coverage=_coverage(section),
+        rejected=section.rejected,
+        truth=[
+            TruthView(
+                name=row.name,
+                recovered=f"{significant(row.recovered, 6)} {row.unit}".strip(),
+                truth=f"{significant(row.truth, 6)} {row.unit}".strip(),
+                error=signed_percent(relative_error(row.recovered, row.truth), 3),
+            )
+            for row in section.truth
+        ],
+    )
+
+
+def baseline_sigma_m(calibration: CalibrationLike) -> float:
+    """Standard deviation of the baseline, metres; NaN if the covariance is unknown.
+
+    First order: `sqrt(gᵀ C g)` with `g = T / |T|` and `C` the covariance of the translation, which comes last in the
+    order of the parameters.
+    """
+    if calibration.covariance is None:
+        return math.nan
+    translation_m = np.asarray(calibration.translation_m, np.float64).ravel()
+    direction = translation_m / np.linalg.norm(translation_m)
+    variance = float(direction @ np.asarray(calibration.covariance, np.float64)[-3:, -3:] @ direction)
+    return math.sqrt(variance) if variance > 0.0 else math.nan
+
+
+def rotation_angle_rad(calibration: CalibrationLike) -> float:
+    """The angle by which one camera is turned against the other."""
+    cosine = (float(np.trace(np.asarray(calibration.rotation, np.float64))) - 1.0) / 2.0
+    return math.acos(min(1.0, max(-1.0, cosine)))
+
+
+def _facts(section: CalibrationSection) -> list[tuple[str, str]]:
+    calibration = section.calibration
+    width, height = calibration.image_size
+    sigma_mm = 1000.0 * baseline_sigma_m(calibration)
+    facts = [
+        ("baseline", plus_minus(1000.0 * calibration.baseline_m, sigma_mm, "mm", 2)),
+        ("focal length, left", _focal(calibration.left, calibration, "left")),
+        ("focal length, right", _focal(calibration.right, calibration, "right")),
+        ("turn between the cameras", quantity(math.degrees(rotation_angle_rad(calibration)), "°", 3)),
+        ("reprojection error, rms", quantity(calibration.rms_px, "px", 3)),
+        ("epipolar error, held-out views", quantity(calibration.epipolar_error_px, "px", 3)),
+        ("image size", f"{width} × {height} px"),
+    ]
+    if calibration.views:
+        facts.append(("views used", f"{len(calibration.views)} of {len(calibration.views) + len(section.rejected)}"))
+    if section.board:
+        facts.append(("board", section.board))
+    return facts
+
+
+def _focal(camera: CameraLike, calibration: CalibrationLike, side: str) -> str:
+    fx, fy = float(camera.camera_matrix[0][0]), float(camera.camera_matrix[1][1])
+    sigma = calibration.sigma
+    return f"{plus_minus(fx, sigma.get(f'{side}_fx'), 'px', 2)} × {plus_minus(fy, sigma.get(f'{side}_fy'), 'px', 2)}"
+
+
+def _range_sigma(calibration: CalibrationLike) -> list[tuple[str, str, str]]:
+    rows = []
+    for range_m in RANGES_M:
+        sigma_m = float(calibration.range_sigma(range_m))
+        if not math.isfinite(sigma_m):
+            return []
+        sigma = f"±\u00a0{quantity(1000.0 * sigma_m, 'mm', 1)}"
+        rows.append((quantity(range_m, "m", 0), sigma, percent(sigma_m / range_m, 2)))
+    return rows
+
+
+def _view_names(section: CalibrationSection) -> list[str]:
+    count = len(section.calibration.views)
+    return list(section.view_names) if len(section.view_names) == count else [f"view {i + 1}" for i in range(count)]
+
+
+def _residuals(section: CalibrationSection) -> Markup | None:
+    views = section.calibration.views
+    if not views:
+        return None
+    return column_chart(
+        title="Reprojection error of each view",
+        labels=_view_names(section),
+        groups=[
+            ("left", [float(view.left_rms_px) for view in views], "c0"),
+            ("right", [float(view.right_rms_px) for view in views], "c1"),
+        ],
+        x_label="view",
+        y_label="rms, px",
+        level=("all views", float(section.calibration.rms_px)),
+    )
+
+
+def _coverage(section: CalibrationSection) -> list[tuple[str, Markup]]:
+    sides = (("left", section.left_px), ("right", section.right_px))
+    size = section.calibration.image_size
+    return [
+        (side, coverage_figure(points, size, title=f"Corners of all views in the {side} camera"))
+        for side, points in sides
+        if len(points) > 0
+    ]

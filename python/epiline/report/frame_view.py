@@ -1,0 +1,306 @@
+"""One frame, as the template shows it: figures drawn, numbers written."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from epiline._pictures import Limits, grey_level_disparity
+from epiline.report import figures
+from epiline.report.charts import Axis, Band, Line, SecondAxis, histogram, limits_of, line_chart
+from epiline.report.model import FrameSection, FrameTruth
+from epiline.report.numbers import number, percent, plus_minus, quantity, relative_error, signed_percent
+from epiline.report.protocols import AlignmentLike, Floats, GeometryLike, ObstacleLike, ProfileLike
+from epiline.report.reasons import REASONS, has_value
+from epiline.report.recorder import total_ms
+
+Facts = Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReasonRow:
+    """A line of the legend of unmeasured pixels."""
+
+    label: str
+    colour: str
+    share: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionView:
+    """One region's charts and figures."""
+
+    name: str
+    box: str
+    value_chart: Markup
+    range_chart: Markup | None
+    facts: Facts
+    supported: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleRow:
+    """A line of the obstacle table; `truth` and `error` are empty if there is no truth for the frame."""
+
+    id: int
+    region: str
+    range: str
+    bearing: str
+    size: str
+    support: str
+    truth: str
+    error: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairView:
+    """A pair with scan-lines, and what was measured between its views."""
+
+    figure: Markup
+    residual: str
+    measured: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameView:
+    """Everything the template shows of a frame."""
+
+    anchor: str
+    index: int
+    name: str
+    facts: Facts
+    definitions: Markup
+    before: PairView | None
+    after: PairView
+    residuals: Markup | None
+    grey: Markup
+    grey_scale: Markup
+    colour: Markup
+    colour_scale: Markup
+    in_metres: bool
+    valid_share: str
+    reasons: Markup
+    reason_rows: Sequence[ReasonRow]
+    regions_on_map: Markup | None
+    regions_on_photograph: Markup | None
+    regions: Sequence[RegionView]
+    obstacles: Markup
+    obstacle_rows: Sequence[ObstacleRow]
+    missed: Sequence[str]
+    has_truth: bool
+
+
+def frame_view(frame: FrameSection, *, limits_px: Limits, max_width: int) -> FrameView:
+    """Draws a frame. `limits_px` are those of all frames on the page, so that their pictures compare."""
+    anchor = f"frame-{frame.index}"
+    left = figures.photograph(f"{anchor}-left", frame.left, max_width=max_width)
+    right = figures.photograph(f"{anchor}-right", frame.right, max_width=max_width)
+    grey = figures.grey_map(f"{anchor}-grey", frame.disparity, limits_px, max_width=max_width)
+    colour = figures.colour_map(f"{anchor}-colour", frame.disparity, limits_px, max_width=max_width)
+    reasons = figures.reason_map(f"{anchor}-reasons", frame.disparity, max_width=max_width)
+    pictures = [left, right, grey, colour, reasons]
+    before = None
+    if frame.before is not None:
+        raw_left = figures.photograph(f"{anchor}-raw-left", frame.before.left, max_width=max_width)
+        raw_right = figures.photograph(f"{anchor}-raw-right", frame.before.right, max_width=max_width)
+        pictures += [raw_left, raw_right]
+        title = f"Frame {frame.index} before rectification, scan-lines across both views"
+        before = _pair(raw_left, raw_right, frame.before.alignment, title=title, dashed=True)
+    after_title = f"Frame {frame.index} aligned, scan-lines across both views"
+    on_map = on_photograph = None
+    if frame.profiles:
+        regions = [profile.region for profile in frame.profiles]
+        on_map = figures.region_figure(grey, regions, title="Regions on the disparity map")
+        on_photograph = figures.region_figure(left, regions, title="Regions on the left view")
+    answered = float(has_value(frame.disparity.validity).mean())
+    return FrameView(
+        anchor=anchor,
+        index=frame.index,
+        name=frame.name,
+        facts=_facts(frame, answered),
+        definitions=figures.definitions(pictures),
+        before=before,
+        after=_pair(left, right, frame.alignment, title=after_title, dashed=False),
+        residuals=_residuals(frame),
+        grey=figures.plain_figure(grey, title="Disparity in grey, nearer is brighter, black has no answer"),
+        grey_scale=figures.colour_bar(limits_px, frame.geometry, grey=True),
+        colour=figures.plain_figure(colour, title="Disparity in colour, red is near, blue is far, dark has no answer"),
+        colour_scale=figures.colour_bar(limits_px, frame.geometry, grey=False),
+        in_metres=frame.geometry is not None,
+        valid_share=percent(answered),
+        reasons=figures.plain_figure(reasons, title="Pixels without a measured answer, by reason", under=left),
+        reason_rows=_reason_rows(frame),
+        regions_on_map=on_map,
+        regions_on_photograph=on_photograph,
+        regions=[_region(profile, frame.geometry, limits_px, frame.truth) for profile in frame.profiles],
+        obstacles=figures.obstacle_figure(left, frame.obstacles, title="Obstacles on the left view"),
+        obstacle_rows=[_obstacle(o, frame.truth) for o in sorted(frame.obstacles, key=_by_range)],
+        missed=[] if frame.truth is None else list(frame.truth.missed),
+        has_truth=frame.truth is not None and bool(frame.truth.obstacle_range_m),
+    )
+
+
+def _by_range(obstacle: ObstacleLike) -> float:
+    return obstacle.range_m if math.isfinite(obstacle.range_m) else math.inf
+
+
+def _facts(frame: FrameSection, answered: float) -> Facts:
+    height, width = frame.left.shape[:2]
+    facts = [("size", f"{width} × {height} px"), ("with an answer", percent(answered))]
+    if frame.alignment is not None:
+        facts.append(("vertical residual", quantity(abs(frame.alignment.median_px), "px")))
+    facts.append(("obstacles", str(len(frame.obstacles))))
+    if frame.stage_ms:
+        facts.append(("time", quantity(total_ms(frame), "ms", 1)))
+    if frame.geometry is not None:
+        facts.append(("focal length", quantity(frame.geometry.focal_px, "px", 1)))
+        facts.append(("baseline", quantity(1000.0 * frame.geometry.baseline_m, "mm", 1)))
+    return facts
+
+
+def _pair(
+    left: figures.Picture, right: figures.Picture, alignment: AlignmentLike | None, *, title: str, dashed: bool
+) -> PairView:
+    lines = figures.scan_lines(alignment, left.height)
+    if alignment is None:
+        residual = "not measured"
+    else:
+        residual = (
+            f"median {quantity(abs(alignment.median_px), 'px')}, spread {quantity(alignment.spread_px, 'px')}, "
+            f"{alignment.matches} matches"
+        )
+    figure = figures.pair_figure(left, right, lines, title=title, dashed=dashed)
+    return PairView(figure=figure, residual=residual, measured=lines[0].left is not None)
+
+
+def _vertical_residual(alignment: AlignmentLike) -> Floats:
+    left, right = np.asarray(alignment.left_px, np.float64), np.asarray(alignment.right_px, np.float64)
+    return left.reshape(-1, 2)[:, 1] - right.reshape(-1, 2)[:, 1]
+
+
+def _residuals(frame: FrameSection) -> Markup | None:
+    groups = []
+    if frame.before is not None and frame.before.alignment is not None:
+        groups.append(("before", _vertical_residual(frame.before.alignment), "c1"))
+    if frame.alignment is not None:
+        groups.append(("after", _vertical_residual(frame.alignment), "c0"))
+    sizes = [np.abs(values[np.isfinite(values)]) for _, values, _ in groups]
+    if not any(size.size for size in sizes):
+        return None
+    reach = max(1.0, *(1.1 * float(np.quantile(size, 0.98)) for size in sizes if size.size))
+    return histogram(
+        title="Vertical residual between the two views",
+        x_label="row in the left view − row in the right view, px",
+        groups=groups,
+        limits=(-reach, reach),
+    )
+
+
+def _reason_rows(frame: FrameSection) -> list[ReasonRow]:
+    validity = frame.disparity.validity
+    rows = []
+    for reason in REASONS:
+        share = float(((validity & np.uint8(reason.bit)) != 0).mean())
+        if share > 0.0:
+            rows.append(ReasonRow(label=reason.label, colour=reason.colour, share=percent(share)))
+    return rows
+
+
+def _region(
+    profile: ProfileLike, geometry: GeometryLike | None, limits_px: Limits, truth: FrameTruth | None
+) -> RegionView:
+    region = profile.region
+    columns = np.arange(region.x, region.x + region.width, dtype=np.float64)
+    known = truth or FrameTruth()
+    range_truth_m = known.region_range_m.get(region.name)
+    ranges_m = profile.nearest_range_m
+    facts = [
+        ("nearest range", plus_minus(profile.range_m, profile.sigma_m, "m")),
+        ("minimum", quantity(profile.minimum, "px")),
+        ("maximum", quantity(profile.maximum, "px")),
+        ("total", quantity(profile.total, "px", 0)),
+        ("pixels with an answer", percent(profile.valid_share)),
+    ]
+    if range_truth_m is not None:
+        facts[1:1] = [
+            ("true nearest range", quantity(range_truth_m, "m", 3)),
+            ("error", signed_percent(relative_error(profile.range_m, range_truth_m))),
+        ]
+    range_chart = None
+    if ranges_m is not None and geometry is not None:
+        truth_m = known.column_range_m.get(region.name)
+        range_chart = _range_chart(region.name, np.asarray(ranges_m, np.float64), columns, truth_m)
+    return RegionView(
+        name=region.name,
+        box=f"columns {region.x}–{region.x + region.width - 1}, rows {region.y}–{region.y + region.height - 1}",
+        value_chart=_value_chart(profile, columns, limits_px, known.column_disparity_px.get(region.name)),
+        range_chart=range_chart,
+        facts=facts,
+        supported=bool(np.isfinite(profile.nearest_px).any()),
+    )
+
+
+def _column_axis(columns: Floats) -> Axis:
+    return Axis(label="column, px", limits=(float(columns[0]) - 0.5, float(columns[-1]) + 0.5), ticks=7)
+
+
+def _value_chart(profile: ProfileLike, columns: Floats, limits_px: Limits, truth_px: Floats | None) -> Markup:
+    nearest, median, low, high = (
+        np.asarray(values, np.float64)
+        for values in (profile.nearest_px, profile.median_px, profile.minimum_px, profile.maximum_px)
+    )
+    bottom, top = limits_of(nearest, median, include=limits_px)
+    axis = Axis(label="disparity, px", limits=(bottom, top))
+    levels = [level for level in (50, 100, 150, 200, 255) if bottom <= grey_level_disparity(level, limits_px) <= top]
+    lines = [
+        Line(name="median", x=columns, y=median, tone="c3"),
+        Line(name="nearest supported", x=columns, y=nearest, tone="c0", keep="max"),
+    ]
+    if truth_px is not None:
+        lines.append(Line(name="truth", x=columns, y=np.asarray(truth_px, np.float64), tone="truth", keep="max"))
+    return line_chart(
+        title=f"Region {profile.region.name}: pixel value against column",
+        x=_column_axis(columns),
+        y=axis,
+        bands=[Band(name="min to max", x=columns, low=low, high=high, tone="c0")],
+        lines=lines,
+        second=SecondAxis(
+            label="grey level", ticks=[(grey_level_disparity(level, limits_px), str(level)) for level in levels]
+        ),
+        empty="no column has enough support",
+    )
+
+
+def _range_chart(name: str, ranges_m: Floats, columns: Floats, truth_m: Floats | None) -> Markup:
+    lines = [Line(name="nearest supported", x=columns, y=ranges_m, tone="c2", keep="min")]
+    shown = [ranges_m]
+    if truth_m is not None:
+        known = np.asarray(truth_m, np.float64)
+        lines.append(Line(name="truth", x=columns, y=known, tone="truth", keep="min"))
+        shown.append(known)
+    return line_chart(
+        title=f"Region {name}: range against column",
+        x=_column_axis(columns),
+        # The far background of a few columns would press everything near onto the axis.
+        y=Axis(label="range, m", limits=limits_of(*shown, include=(0.0,), upper_share=0.95)),
+        lines=lines,
+        empty="no column has enough support",
+    )
+
+
+def _obstacle(obstacle: ObstacleLike, truth: FrameTruth | None) -> ObstacleRow:
+    true_range_m = None if truth is None else truth.obstacle_range_m.get(obstacle.id)
+    degrees = math.degrees(obstacle.bearing_rad)
+    side = "" if abs(degrees) < 0.05 or not math.isfinite(degrees) else (" right" if degrees > 0.0 else " left")
+    return ObstacleRow(
+        id=obstacle.id,
+        region=obstacle.region,
+        range=plus_minus(obstacle.range_m, obstacle.sigma_m, "m"),
+        bearing=quantity(abs(degrees), "°", 1).replace("\u00a0", "") + side,
+        size=f"{number(obstacle.width_m)} × {number(obstacle.height_m)}",
+        support=number(obstacle.support, 0),
+        truth=quantity(true_range_m, "m", 3),
+        error=signed_percent(relative_error(obstacle.range_m, true_range_m)),
+    )
