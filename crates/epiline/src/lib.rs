@@ -1,5 +1,6 @@
 //! From two cameras to obstacle ranges, on a CPU.
 
+pub mod calibration;
 pub mod camera;
 pub mod error;
 pub mod image;

@@ -17,6 +17,16 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// The motion that moves nothing.
+    pub fn identity() -> Self {
+        Self { rotation: Matrix3::identity(), translation_m: Vector3::zeros() }
+    }
+
+    /// The angle of the rotation, radians, 0 to π.
+    pub fn angle_rad(&self) -> f64 {
+        Rotation3::from_matrix_unchecked(self.rotation).angle()
+    }
+
     /// Moves a point.
     pub fn apply(&self, point_m: Vector3<f64>) -> Vector3<f64> {
         self.rotation * point_m + self.translation_m
@@ -26,6 +36,14 @@ impl Pose {
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         Self { rotation, translation_m: -(rotation * self.translation_m) }
+    }
+
+    /// The pose after a left increment: `exp([rotation]ₓ) R` and `T + translation_m`.
+    pub fn moved(&self, rotation: Vector3<f64>, translation_m: Vector3<f64>) -> Self {
+        let mut turned = Rotation3::from_scaled_axis(rotation) * Rotation3::from_matrix_unchecked(self.rotation);
+        // Rounding of many small products must not add up to a matrix that is no rotation.
+        turned.renormalize();
+        Self { rotation: turned.into_inner(), translation_m: self.translation_m + translation_m }
     }
 
     /// First `first`, then `self`.
