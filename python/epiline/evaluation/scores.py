@@ -1,0 +1,109 @@
+"""How good a disparity map is, in the measures of Middlebury and KITTI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.floating]
+
+_BAD_PX = (1.0, 2.0, 3.0)
+# KITTI 2015: wrong if off by more than 3 px and by more than 5 % of the truth.
+_D1_PX, _D1_SHARE = 3.0, 0.05
+
+
+class HasValues(Protocol):
+    """A disparity map: `epiline.DisparityMap` or anything else with float values in pixels, NaN where unknown."""
+
+    @property
+    def values(self) -> NDArray[np.float32]: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """Errors of a disparity map over the scored pixels: those with a truth, inside the mask.
+
+    Shares are percent. *matched* is over the pixels that have an answer, *total* over all scored pixels, an
+    unanswered one counting as wrong. NaN where there is nothing to score.
+
+    Attributes
+    ----------
+    pixels : int
+        Scored pixels.
+    density : float
+        Share of them with an answer.
+    avg, rms : float
+        Mean absolute and root mean square error of the answers, px.
+    bad1_matched … bad3_total : float
+        Off by more than 1, 2, 3 px.
+    d1_matched, d1_total : float
+        Off by more than 3 px and 5 % of the truth.
+    """
+
+    pixels: int
+    density: float
+    avg: float
+    rms: float
+    bad1_matched: float
+    bad2_matched: float
+    bad3_matched: float
+    d1_matched: float
+    bad1_total: float
+    bad2_total: float
+    bad3_total: float
+    d1_total: float
+
+
+def evaluate(
+    disp: HasValues | Floats, ground_truth: Floats, mask: NDArray[np.bool_] | None = None
+) -> Evaluation:
+    """Scores a disparity map.
+
+    Parameters
+    ----------
+    disp : DisparityMap or (H, W) float
+        Disparity, px; NaN where there is no answer.
+    ground_truth : (H, W) float
+        True disparity, px; NaN or infinite where unknown.
+    mask : (H, W) bool, optional
+        Pixels to score; all that have a truth if not given.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    ValueError
+        The shapes differ.
+    """
+    values = np.asarray(disp if isinstance(disp, np.ndarray) else disp.values, np.float64)
+    truth = np.asarray(ground_truth, np.float64)
+    if values.ndim != 2 or values.shape != truth.shape:
+        raise ValueError(f"disparity has shape {values.shape}, ground truth {truth.shape}; they must be one (H, W)")
+    scored = np.isfinite(truth)
+    if mask is not None:
+        if mask.shape != truth.shape:
+            raise ValueError(f"mask has shape {mask.shape}, ground truth {truth.shape}")
+        scored &= np.asarray(mask, bool)
+    error = np.abs(values - truth)[scored]
+    answered = np.isfinite(error)
+    wrong = {f"bad{limit:g}": error > limit for limit in _BAD_PX}
+    wrong["d1"] = (error > _D1_PX) & (error > _D1_SHARE * truth[scored])
+    shares = {f"{name}_matched": _percent(flags[answered]) for name, flags in wrong.items()}
+    shares |= {f"{name}_total": _percent(flags | ~answered) for name, flags in wrong.items()}
+    known = error[answered]
+    return Evaluation(
+        pixels=int(error.size),
+        density=_percent(answered),
+        avg=float(known.mean()) if known.size else float("nan"),
+        rms=float(np.sqrt(np.square(known).mean())) if known.size else float("nan"),
+        **shares,
+    )
+
+
+def _percent(flags: NDArray[np.bool_]) -> float:
+    return 100.0 * float(flags.mean()) if flags.size else float("nan")

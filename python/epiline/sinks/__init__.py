@@ -1,0 +1,1 @@
+"""Where results go: disparity files, point clouds, pictures, JSON lines."""
