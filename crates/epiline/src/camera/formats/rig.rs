@@ -1,0 +1,246 @@
+//! Our own rig file: YAML, versioned, every number with its unit in its name, exact in the round trip.
+
+use std::path::Path;
+
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use serde::Serialize;
+use serde_saphyr::FlowSeq;
+
+use super::yaml::{self, Entry};
+use super::{io_error, read_text, write_atomically};
+use crate::camera::{CameraModel, Distortion, Parameter, Pose, StereoCalibration, ViewResidual};
+use crate::error::{Error, Result};
+
+const FORMAT: &str = "epiline stereo rig";
+const VERSION: usize = 1;
+const LENS: &str = "brown-conrady";
+
+/// The largest image side accepted, pixels.
+const MAX_SIDE_PX: usize = 16_384;
+
+type Row = FlowSeq<Vec<f64>>;
+
+#[derive(Serialize)]
+struct RigFile {
+    format: &'static str,
+    version: usize,
+    left: CameraEntry,
+    right: CameraEntry,
+    right_from_left: PoseEntry,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rms_px: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    epipolar_error_px: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    covariance: Option<CovarianceEntry>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    views: Vec<ViewEntry>,
+}
+
+#[derive(Serialize)]
+struct CameraEntry {
+    width_px: usize,
+    height_px: usize,
+    lens: &'static str,
+    fx_px: f64,
+    fy_px: f64,
+    cx_px: f64,
+    cy_px: f64,
+    k1: f64,
+    k2: f64,
+    p1: f64,
+    p2: f64,
+    k3: f64,
+}
+
+#[derive(Serialize)]
+struct PoseEntry {
+    rotation: Vec<Row>,
+    translation_m: Row,
+}
+
+#[derive(Serialize)]
+struct CovarianceEntry {
+    parameters: FlowSeq<Vec<&'static str>>,
+    matrix: Vec<Row>,
+}
+
+#[derive(Serialize)]
+struct ViewEntry {
+    left_rms_px: f64,
+    right_rms_px: f64,
+    left_from_board: PoseEntry,
+}
+
+impl From<&CameraModel> for CameraEntry {
+    fn from(camera: &CameraModel) -> Self {
+        let ([fx_px, fy_px], [cx_px, cy_px]) = (camera.focal_px, camera.center_px);
+        let Distortion { k1, k2, p1, p2, k3 } = camera.distortion;
+        let (width_px, height_px) = (camera.width, camera.height);
+        Self { width_px, height_px, lens: LENS, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 }
+    }
+}
+
+impl From<&Pose> for PoseEntry {
+    fn from(pose: &Pose) -> Self {
+        Self {
+            rotation: pose.rotation.row_iter().map(|row| FlowSeq(row.iter().copied().collect())).collect(),
+            translation_m: FlowSeq(pose.translation_m.iter().copied().collect()),
+        }
+    }
+}
+
+impl From<&StereoCalibration> for RigFile {
+    fn from(rig: &StereoCalibration) -> Self {
+        let known = |value: f64| (!value.is_nan()).then_some(value);
+        Self {
+            format: FORMAT,
+            version: VERSION,
+            left: (&rig.left).into(),
+            right: (&rig.right).into(),
+            right_from_left: (&rig.right_from_left).into(),
+            rms_px: known(rig.rms_px),
+            epipolar_error_px: known(rig.epipolar_error_px),
+            covariance: rig.covariance.as_ref().map(|covariance| CovarianceEntry {
+                parameters: FlowSeq(Parameter::NAMES.to_vec()),
+                matrix: covariance.row_iter().map(|row| FlowSeq(row.iter().copied().collect())).collect(),
+            }),
+            views: rig
+                .views
+                .iter()
+                .map(|view| ViewEntry {
+                    left_rms_px: view.left_rms_px,
+                    right_rms_px: view.right_rms_px,
+                    left_from_board: (&view.left_from_board).into(),
+                })
+                .collect(),
+        }
+    }
+}
+
+impl StereoCalibration {
+    /// Writes the rig as YAML: everything, exactly; under a temporary name first, so that no reader sees half a file.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Io`] with the path, if the file cannot be written.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        self.validate()?;
+        let text = serde_saphyr::to_string(&RigFile::from(self)).map_err(|e| io_error(path, e))?;
+        write_atomically(path, &text)
+    }
+
+    /// Reads a rig that [`save`](Self::save) wrote.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Io`] if the file cannot be read; [`Error::InvalidFile`] with the file, the entry and its value if
+    /// one is missing, of the wrong type, NaN or beyond reason, or the rig could not exist.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let text = read_text(path)?;
+        let document = yaml::parse(path, &text)?;
+        let root = Entry::root(path, &document);
+        let format = root.get("format")?;
+        if format.text()? != FORMAT {
+            return Err(format.error(format!("is '{}'; expected '{FORMAT}'", format.text()?)));
+        }
+        let version = root.get("version")?;
+        if version.count(usize::MAX >> 12)? != VERSION {
+            return Err(version.error(format!("must be {VERSION}; a newer epiline may have written this file")));
+        }
+        let rig = Self {
+            left: camera(&root.get("left")?)?,
+            right: camera(&root.get("right")?)?,
+            right_from_left: pose(&root.get("right_from_left")?)?,
+            rms_px: optional_number(&root, "rms_px")?,
+            epipolar_error_px: optional_number(&root, "epipolar_error_px")?,
+            covariance: root.optional("covariance")?.map(|entry| covariance(&entry)).transpose()?,
+            views: match root.optional("views")? {
+                Some(list) => list.list()?.map(|entry| view(&entry)).collect::<Result<_>>()?,
+                None => Vec::new(),
+            },
+        };
+        // What single entries cannot show: a rotation that is none, cameras in one place.
+        rig.validate().map_err(|error| match error {
+            Error::InvalidParameter { name, value, expected } => {
+                super::file_error(path, name, format!("is {value}: {expected}"))
+            }
+            other => other,
+        })?;
+        Ok(rig)
+    }
+}
+
+fn optional_number(parent: &Entry<'_>, key: &str) -> Result<f64> {
+    parent.optional(key)?.map_or(Ok(f64::NAN), |entry| entry.number())
+}
+
+fn camera(entry: &Entry<'_>) -> Result<CameraModel> {
+    let number = |key| entry.get(key)?.number();
+    let lens = entry.get("lens")?;
+    if lens.text()? != LENS {
+        return Err(lens.error(format!("is '{}'; this version reads '{LENS}'", lens.text()?)));
+    }
+    let focal = |key| {
+        let focal = entry.get(key)?;
+        let value = focal.number()?;
+        (value > 0.0).then_some(value).ok_or_else(|| focal.error(format!("is {value}; must be positive")))
+    };
+    let side = |key| {
+        let side = entry.get(key)?;
+        match side.count(MAX_SIDE_PX)? {
+            0 => Err(side.error("is 0; must be positive")),
+            pixels => Ok(pixels),
+        }
+    };
+    Ok(CameraModel {
+        focal_px: [focal("fx_px")?, focal("fy_px")?],
+        center_px: [number("cx_px")?, number("cy_px")?],
+        distortion: Distortion {
+            k1: number("k1")?,
+            k2: number("k2")?,
+            p1: number("p1")?,
+            p2: number("p2")?,
+            k3: number("k3")?,
+        },
+        width: side("width_px")?,
+        height: side("height_px")?,
+    })
+}
+
+fn pose(entry: &Entry<'_>) -> Result<Pose> {
+    let rotation = entry.get("rotation")?;
+    let matrix = Matrix3::from_row_slice(&rotation.square::<3>()?);
+    let residual = (matrix.transpose() * matrix - Matrix3::identity()).abs().max();
+    if residual > 1e-4 || matrix.determinant() < 0.0 {
+        return Err(rotation.error(format!("is no rotation matrix: off orthonormal by {residual:.2e}")));
+    }
+    let translation_m = Vector3::from(entry.get("translation_m")?.numbers::<3>()?);
+    Ok(Pose { rotation: matrix, translation_m })
+}
+
+fn covariance(entry: &Entry<'_>) -> Result<DMatrix<f64>> {
+    let parameters = entry.get("parameters")?;
+    let names = parameters.list()?.map(|name| name.text()).collect::<Result<Vec<_>>>()?;
+    if names != Parameter::NAMES {
+        return Err(parameters.error("does not list the parameters of this version in their order"));
+    }
+    let matrix = entry.get("matrix")?;
+    let values = matrix.square::<{ Parameter::COUNT }>()?;
+    let covariance = DMatrix::from_row_slice(Parameter::COUNT, Parameter::COUNT, &values);
+    if let Some(i) = (0..Parameter::COUNT).find(|&i| covariance[(i, i)] < 0.0) {
+        let value = covariance[(i, i)];
+        return Err(matrix.error(format!("has a negative variance, {value}, of {}", Parameter::NAMES[i])));
+    }
+    Ok(covariance)
+}
+
+fn view(entry: &Entry<'_>) -> Result<ViewResidual> {
+    Ok(ViewResidual {
+        left_rms_px: entry.get("left_rms_px")?.number()?,
+        right_rms_px: entry.get("right_rms_px")?.number()?,
+        left_from_board: pose(&entry.get("left_from_board")?)?,
+    })
+}

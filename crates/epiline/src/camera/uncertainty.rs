@@ -1,0 +1,211 @@
+//! From the covariance of a calibration to what users care about: single parameters, the baseline, depth.
+
+use nalgebra::{SVector, Vector2, Vector3};
+
+use super::calibration::{AlignedFrame, DepthVariance, Parameter, Pose, StereoCalibration};
+use super::model::{CameraModel, Distortion};
+
+/// One number per parameter.
+type Gradient = SVector<f64, { Parameter::COUNT }>;
+
+/// First parameter of the right camera.
+const RIGHT: usize = Parameter::RightFx as usize;
+
+impl StereoCalibration {
+    /// Standard deviation of a parameter: pixels, 1, radians or metres; zero if held fixed, NaN if unknown.
+    pub fn sigma(&self, parameter: Parameter) -> f64 {
+        self.sigmas().map_or(f64::NAN, |sigmas| sigmas[parameter as usize])
+    }
+
+    /// Standard deviations in the order of [`Parameter`]; `None` if the covariance is unknown.
+    pub fn sigmas(&self) -> Option<[f64; Parameter::COUNT]> {
+        let covariance = self.covariance.as_ref()?;
+        Some(std::array::from_fn(|i| covariance[(i, i)].max(0.0).sqrt()))
+    }
+
+    /// Standard deviation of the baseline's length, metres; NaN if unknown.
+    pub fn baseline_sigma_m(&self) -> f64 {
+        let direction = self.right_from_left.translation_m.normalize();
+        let mut by_parameter = Gradient::zeros();
+        by_parameter.fixed_rows_mut::<3>(Parameter::TranslationX as usize).copy_from(&direction);
+        self.covariance_of(&by_parameter, &by_parameter).map_or(f64::NAN, |variance| variance.max(0.0).sqrt())
+    }
+
+    /// What the calibration's own uncertainty does to depth at the image centre; zero if the covariance is unknown.
+    ///
+    /// Two pixels triangulate to an inverse depth `w = (x_left - x_right)/baseline` in aligned normalised
+    /// coordinates. To first order a change `δ` of the parameters moves it by `(pointing + w·scale)·δ`; the
+    /// gradients are central differences of the whole chain from pixels to aligned rays, so that whatever a
+    /// parameter does is in them. With `Z = 1/w`, `var(Z) = Z⁴ var(w)`.
+    pub fn depth_variance(&self) -> DepthVariance {
+        self.depth_gradients().and_then(|gradients| self.depth_variance_of(&gradients)).unwrap_or_default()
+    }
+
+    /// Standard deviation of depth at `depth_m` from the calibration alone, metres; NaN if the covariance is unknown.
+    ///
+    /// Matching adds `Z²·σ_d/(f·b)` of its own.
+    pub fn range_sigma_m(&self, depth_m: f64) -> f64 {
+        match self.covariance {
+            Some(_) => self.depth_variance().at(depth_m).max(0.0).sqrt(),
+            None => f64::NAN,
+        }
+    }
+
+    fn depth_variance_of(&self, gradients: &DepthGradients) -> Option<DepthVariance> {
+        let DepthGradients { pointing, scale } = gradients;
+        Some(DepthVariance {
+            z2: self.covariance_of(scale, scale)?,
+            z3: 2.0 * self.covariance_of(scale, pointing)?,
+            z4: self.covariance_of(pointing, pointing)?,
+        })
+    }
+
+    /// `aᵀ C b`.
+    fn covariance_of(&self, a: &Gradient, b: &Gradient) -> Option<f64> {
+        let covariance = self.covariance.as_ref()?;
+        Some((0..Parameter::COUNT).map(|i| a[i] * (0..Parameter::COUNT).map(|j| covariance[(i, j)] * b[j]).sum::<f64>()).sum())
+    }
+
+    fn depth_gradients(&self) -> Option<DepthGradients> {
+        let baseline_m = self.baseline_m();
+        // Inverse depth is all but linear in the right pixel; its slope is read between infinity and ten baselines.
+        let near = 0.1 / baseline_m;
+        let far_pair = self.central_pair(0.0)?;
+        let near_pair = self.central_pair(near)?;
+        let (mut pointing, mut scale) = (Gradient::zeros(), Gradient::zeros());
+        for parameter in 0..Parameter::COUNT {
+            let step = step_of(parameter);
+            let (ahead, behind) = (self.perturbed(parameter, step), self.perturbed(parameter, -step));
+            let slope = |pair: &PixelPair| {
+                Some((ahead.inverse_depth(pair)? - behind.inverse_depth(pair)?) / (2.0 * step))
+            };
+            pointing[parameter] = slope(&far_pair)?;
+            scale[parameter] = (slope(&near_pair)? - pointing[parameter]) / near;
+        }
+        Some(DepthGradients { pointing, scale })
+    }
+
+    /// The pixels at which a point at this inverse depth on the ray of the left image's centre is seen.
+    fn central_pair(&self, inverse_depth: f64) -> Option<PixelPair> {
+        let frame = AlignedFrame::of(&self.right_from_left).ok()?;
+        let left = Vector2::new(0.5 * (self.left.width as f64 - 1.0), 0.5 * (self.left.height as f64 - 1.0));
+        let aligned = frame.align_left(self.left.normalised_from_pixel(left)?);
+        let aligned_right = aligned - Vector2::new(frame.baseline_m * inverse_depth, 0.0);
+        let ray = frame.aligned_from_right.transpose() * aligned_right.push(1.0);
+        let right = (ray.z > 0.0).then(|| self.right.pixel_from_normalised(ray.xy() / ray.z))?;
+        Some(PixelPair { left, right })
+    }
+
+    fn inverse_depth(&self, pair: &PixelPair) -> Option<f64> {
+        let frame = AlignedFrame::of(&self.right_from_left).ok()?;
+        let left = frame.align_left(self.left.normalised_from_pixel(pair.left)?);
+        let right = frame.align_right(self.right.normalised_from_pixel(pair.right)?);
+        Some((left.x - right.x) / frame.baseline_m)
+    }
+
+    /// The rig with one parameter moved, in the order and sense of [`Parameter`].
+    fn perturbed(&self, parameter: usize, amount: f64) -> Self {
+        let mut moved = Self { covariance: None, views: Vec::new(), ..*self };
+        match parameter {
+            0..RIGHT => perturb(&mut moved.left, parameter, amount),
+            p if p < Parameter::RotationX as usize => perturb(&mut moved.right, p - RIGHT, amount),
+            p => {
+                let mut increment = [Vector3::zeros(); 2];
+                let axis = p - Parameter::RotationX as usize;
+                increment[axis / 3][axis % 3] = amount;
+                moved.right_from_left = self.right_from_left.moved(increment[0], increment[1]);
+            }
+        }
+        moved
+    }
+}
+
+/// How inverse depth depends on the parameters: `pointing` at infinity, `scale` times itself.
+struct DepthGradients {
+    pointing: Gradient,
+    scale: Gradient,
+}
+
+/// Where both cameras see one point, pixels.
+struct PixelPair {
+    left: Vector2<f64>,
+    right: Vector2<f64>,
+}
+
+fn perturb(camera: &mut CameraModel, parameter: usize, amount: f64) {
+    let mut coefficients = camera.distortion.to_array();
+    match parameter {
+        0 | 1 => camera.focal_px[parameter] += amount,
+        2 | 3 => camera.center_px[parameter - 2] += amount,
+        _ => coefficients[parameter - 4] += amount,
+    }
+    camera.distortion = Distortion::from_array(coefficients);
+}
+
+/// Steps of central differences: pixels, coefficients, radians and metres.
+fn step_of(parameter: usize) -> f64 {
+    match parameter {
+        18.. => 1e-6,
+        p if p % RIGHT < 4 => 1e-3,
+        _ => 1e-6,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, Rotation3};
+
+    use super::*;
+
+    fn rig(covariance: DMatrix<f64>) -> StereoCalibration {
+        let camera = CameraModel {
+            focal_px: [500.0, 500.0],
+            center_px: [319.5, 239.5],
+            distortion: Distortion::default(),
+            width: 640,
+            height: 480,
+        };
+        let pose = Pose {
+            rotation: Rotation3::identity().into_inner(),
+            translation_m: Vector3::new(-0.1, 0.0, 0.0),
+        };
+        let mut rig = StereoCalibration::new(camera, camera, pose).expect("an ordinary rig");
+        rig.covariance = Some(covariance);
+        rig
+    }
+
+    fn only(parameter: Parameter, sigma: f64) -> DMatrix<f64> {
+        let mut covariance = DMatrix::zeros(Parameter::COUNT, Parameter::COUNT);
+        covariance[(parameter as usize, parameter as usize)] = sigma * sigma;
+        covariance
+    }
+
+    #[test]
+    fn a_yaw_error_grows_with_the_square_of_depth() {
+        // Z = f b / d, and a yaw of δ moves the right image by f δ at its centre: σ_Z = Z² δ / b.
+        let rig = rig(only(Parameter::RotationY, 1e-4));
+        for depth_m in [1.0, 3.0, 10.0] {
+            let expected = depth_m * depth_m * 1e-4 / 0.1;
+            assert!((rig.range_sigma_m(depth_m) / expected - 1.0).abs() < 0.02, "at {depth_m} m");
+        }
+        assert_eq!(rig.sigma(Parameter::RotationY), 1e-4);
+        assert_eq!(rig.sigma(Parameter::LeftFx), 0.0);
+    }
+
+    #[test]
+    fn a_baseline_error_is_a_scale() {
+        let rig = rig(only(Parameter::TranslationX, 1e-4));
+        for depth_m in [1.0, 3.0, 10.0] {
+            assert!((rig.range_sigma_m(depth_m) / (depth_m * 1e-3) - 1.0).abs() < 1e-3, "at {depth_m} m");
+        }
+        assert!((rig.baseline_sigma_m() - 1e-4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn unknown_is_nan_and_not_zero() {
+        let mut rig = rig(only(Parameter::LeftFx, 1.0));
+        rig.covariance = None;
+        assert!(rig.range_sigma_m(3.0).is_nan() && rig.baseline_sigma_m().is_nan());
+        assert!(rig.sigma(Parameter::LeftFx).is_nan());
+    }
+}
