@@ -4,6 +4,7 @@ pub mod calibration;
 pub mod camera;
 pub mod error;
 pub mod image;
+pub mod kernels;
 pub mod matching;
 pub mod preprocess;
 pub mod rectification;

@@ -25,6 +25,9 @@ impl Validity {
     /// The value was taken from neighbours, not measured.
     pub const FILLED: u8 = 1 << 7;
 
+    /// The bits of pixels that have no candidate at all.
+    pub(crate) const NO_CANDIDATE: u8 = Self::BORDER | Self::NO_SOURCE;
+
     /// Whether a pixel with these bits carries a value.
     pub fn has_value(bits: u8) -> bool {
         bits & !Self::FILLED == 0
@@ -67,6 +70,12 @@ impl DisparityMap {
     /// Height, pixels.
     pub fn height(&self) -> usize {
         self.values.height()
+    }
+
+    /// Gives the map a size, keeping its memory where that suffices; contents are unspecified afterwards.
+    pub fn resize(&mut self, width: usize, height: usize) {
+        self.values.resize(width, height);
+        self.validity.resize(width, height);
     }
 
     /// The disparity at `(x, y)` in pixels, or `None` where there is none.

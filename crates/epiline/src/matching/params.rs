@@ -27,22 +27,26 @@ pub struct MatcherParams {
     pub method: Method,
     /// How many whole-pixel disparities to search, 1 to 1024. Must cover the nearest obstacle: `f·b / Z_near`.
     pub num_disparities: usize,
-    /// Smallest disparity to search, px, 0 to 4095 - `num_disparities`. Above zero, far things are not seen.
+    /// Smallest disparity to search, px, 0 to 4095 - `num_disparities`. Above zero, far things are not seen. Together
+    /// with `num_disparities` it must not exceed the images' width.
     pub min_disparity: usize,
     /// Side of the window, odd, 1 to 31 px. Larger is smoother and fattens edges. Try 9 on sharp, 15 on noisy images.
     pub block_size: usize,
     /// Applied to both images.
     pub prefilter: Prefilter,
-    /// Derivatives are clipped to plus or minus this, 1 to 63. Only with [`Prefilter::XSobel`].
+    /// Derivatives are clipped to plus or minus this, 1 to 63 grey levels.
     pub prefilter_cap: u8,
-    /// Reject unless every non-neighbouring candidate costs at least this many percent more, 0 (off) to 100.
+    /// Reject unless every candidate beyond the best and its two neighbours costs more than the best and this many
+    /// percent of it, 0 (off) to 100 (OpenCV's `uniquenessRatio`).
     pub uniqueness_ratio: u8,
-    /// Reject windows whose prefiltered texture `Σ|I - mean level|` is below this many grey levels per pixel times
-    /// the window's area; 0 is off.
+    /// Reject windows of the left image whose texture, the sum of `|x-Sobel|` clipped by
+    /// [`prefilter_cap`](Self::prefilter_cap), is below this many grey levels over the whole window; 0 is off
+    /// (OpenCV's `textureThreshold`). It is measured so with either prefilter.
     pub texture_threshold: u32,
-    /// Reject where the right image's own best match differs by more than this many whole pixels; `None` is off.
+    /// Reject where the right image's own best match, over all its candidates, differs by more than this many whole
+    /// pixels; `None` is off. If several of its candidates cost the same, one of them within reach is enough.
     pub left_right_max_diff: Option<u16>,
-    /// Reject islands of fewer pixels than this; 0 is off.
+    /// Reject islands of at most this many pixels; 0 is off (OpenCV's `speckleWindowSize`).
     pub speckle_size: usize,
     /// Neighbours belong to one island if their disparities differ by no more than this, px.
     pub speckle_range: u16,
@@ -79,6 +83,34 @@ impl MatcherParams {
     pub const MAX_BLOCK_SIZE: usize = 31;
     /// Disparities are stored in sixteenths in 16 bits, so none reaches 4096.
     pub const MAX_DISPARITY: usize = 4095;
+
+    /// Half the window: its side is `2 * radius + 1`.
+    pub(super) fn radius(&self) -> usize {
+        self.block_size / 2
+    }
+
+    /// The largest difference of two prefiltered pixels.
+    pub(super) fn largest_difference(&self) -> u8 {
+        match self.prefilter {
+            Prefilter::None => u8::MAX,
+            Prefilter::XSobel => 2 * self.prefilter_cap,
+        }
+    }
+
+    /// Fails unless the right image has room for every disparity.
+    pub(super) fn require_width(&self, width: usize) -> Result<()> {
+        if self.min_disparity + self.num_disparities > width {
+            return Err(Error::invalid(
+                "num_disparities",
+                format!("{} px", self.num_disparities),
+                format!(
+                    "min_disparity + num_disparities = {} px must not exceed the images' width of {width} px",
+                    self.min_disparity + self.num_disparities
+                ),
+            ));
+        }
+        Ok(())
+    }
 
     /// Fails with the name and value of the first parameter outside its range.
     pub fn validate(&self) -> Result<()> {

@@ -1,0 +1,190 @@
+//! The inner loops, each as a readable reference and as variants for particular instruction sets.
+//!
+//! Kernels see slices, not images. The [`Kernels`] of a [`Level`] are a table of function pointers, filled with the
+//! references and overwritten upward; each entry computes the same bits at every level (`tests/simd_kernels.rs`).
+
+mod level;
+pub mod sad;
+pub mod select;
+pub mod xsobel;
+
+pub use level::{Level, simd_level};
+
+use sad::{AddRow, RowShape, SadRow};
+use select::SelectRow;
+use xsobel::XSobelRow;
+
+/// Compiles a portable body once per instruction set: the optimiser vectorises each copy with what the set has.
+///
+/// `portable!(name, body, Type)` makes a module `name` with functions `avx2` and `avx512` over `&mut Type`; the body itself is the scalar one.
+macro_rules! portable {
+    ($name:ident, $body:path, $row:ty) => {
+        #[cfg(target_arch = "x86_64")]
+        pub(in crate::kernels) mod $name {
+            #[allow(clippy::wildcard_imports)]
+            use super::*;
+
+            /// The same code, compiled for AVX2.
+            ///
+            /// # Safety
+            /// The processor has what `Level::avx2` proves.
+            #[target_feature(enable = "avx2,bmi1,popcnt")]
+            pub(in crate::kernels) unsafe fn avx2(row: &mut $row) {
+                $body(row);
+            }
+
+            /// The same code, compiled for AVX-512.
+            ///
+            /// # Safety
+            /// The processor has what `Level::avx512` proves.
+            #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx2,bmi1,popcnt")]
+            pub(in crate::kernels) unsafe fn avx512(row: &mut $row) {
+                $body(row);
+            }
+        }
+    };
+}
+use portable;
+
+/// A kernel over the rows that `$row` borrows. Safe to call on a processor of its level, after the row's `check`.
+macro_rules! kernel {
+    ($row:ident) => { for<'call, 'data> unsafe fn(&'call mut $row<'data>) };
+    ($row:ident, $cost:ty) => { for<'call, 'data> unsafe fn(&'call mut $row<'data, $cost>) };
+}
+
+/// The kernels of one [`Level`].
+///
+/// The pointers are private. The methods check the slices; the level vouches for the instructions.
+#[derive(Debug, Clone, Copy)]
+pub struct Kernels {
+    level: Level,
+    lane_block: usize,
+    add_u16: kernel!(AddRow, u16),
+    add_u32: kernel!(AddRow, u32),
+    sad_u16: kernel!(SadRow, u16),
+    sad_u32: kernel!(SadRow, u32),
+    scratch_u16: fn(&RowShape) -> usize,
+    scratch_u32: fn(&RowShape) -> usize,
+    select_u16: kernel!(SelectRow, u16),
+    select_u32: kernel!(SelectRow, u32),
+    xsobel: kernel!(XSobelRow),
+}
+
+impl Kernels {
+    /// The kernels of `level`.
+    pub fn new(level: Level) -> Self {
+        let kernels = Self {
+            level,
+            lane_block: sad::reference::LANE_BLOCK,
+            add_u16: sad::reference::add_row,
+            add_u32: sad::reference::add_row,
+            sad_u16: sad::reference::sad_row,
+            sad_u32: sad::reference::sad_row,
+            scratch_u16: sad::reference::scratch_len,
+            scratch_u32: sad::reference::scratch_len,
+            select_u16: select::narrow,
+            select_u32: select::wide,
+            xsobel: xsobel::xsobel_row,
+        };
+        #[cfg(target_arch = "x86_64")]
+        {
+            if Some(level) == Level::avx512() {
+                return Self {
+                    lane_block: sad::avx512::LANE_BLOCK,
+                    add_u16: sad::add_u16::avx512,
+                    add_u32: sad::add_u32::avx512,
+                    sad_u16: sad::avx512::sad_row,
+                    scratch_u16: sad::vector::scratch_len,
+                    sad_u32: sad::sad_u32::avx512,
+                    select_u16: select::select_u16::avx512,
+                    select_u32: select::select_u32::avx512,
+                    xsobel: xsobel::row::avx512,
+                    ..kernels
+                };
+            }
+            if Some(level) == Level::avx2() {
+                return Self {
+                    lane_block: sad::avx2::LANE_BLOCK,
+                    add_u16: sad::add_u16::avx2,
+                    add_u32: sad::add_u32::avx2,
+                    sad_u16: sad::avx2::sad_row,
+                    scratch_u16: sad::vector::scratch_len,
+                    sad_u32: sad::sad_u32::avx2,
+                    select_u16: select::select_u16::avx2,
+                    select_u32: select::select_u32::avx2,
+                    xsobel: xsobel::row::avx2,
+                    ..kernels
+                };
+            }
+        }
+        kernels
+    }
+
+    /// The level they were chosen for.
+    pub fn level(&self) -> Level {
+        self.level
+    }
+
+    /// How many lanes of costs a pixel needs for `num_disparities`: the next number the kernels handle.
+    pub fn lanes(&self, num_disparities: usize) -> usize {
+        sad::padded_lanes(num_disparities, self.lane_block)
+    }
+
+    /// One row of [`xsobel`].
+    ///
+    /// # Panics
+    /// If the slices are not of one length.
+    pub fn xsobel(&self, row: &mut XSobelRow<'_>) {
+        row.check();
+        // SAFETY: the table was made from a level, which exists only where the processor has its instructions.
+        unsafe { (self.xsobel)(row) }
+    }
+}
+
+/// Costs that the table has kernels for: what dispatches on the accumulator's type.
+pub trait CostKernels: sad::Cost {
+    /// Adds a row to the column sums.
+    ///
+    /// # Panics
+    /// If a slice is shorter than `row.check` demands; so too below.
+    fn add(kernels: &Kernels, row: &mut AddRow<'_, Self>);
+
+    /// How many cells of scratch memory [`sad`](Self::sad) needs.
+    fn scratch_len(kernels: &Kernels, shape: &RowShape) -> usize;
+
+    /// Box sums and best candidates of a row.
+    fn sad(kernels: &Kernels, row: &mut SadRow<'_, Self>);
+
+    /// Disparities of a row.
+    fn select(kernels: &Kernels, row: &mut SelectRow<'_, Self>);
+}
+
+macro_rules! cost_kernels {
+    ($cost:ty, $add:ident, $sad:ident, $scratch:ident, $select:ident) => {
+        impl CostKernels for $cost {
+            fn add(kernels: &Kernels, row: &mut AddRow<'_, Self>) {
+                row.check();
+                // SAFETY: the slices were checked; the table's level proves the instructions.
+                unsafe { (kernels.$add)(row) }
+            }
+
+            fn scratch_len(kernels: &Kernels, shape: &RowShape) -> usize {
+                (kernels.$scratch)(shape)
+            }
+
+            fn sad(kernels: &Kernels, row: &mut SadRow<'_, Self>) {
+                row.check((kernels.$scratch)(&row.shape));
+                // SAFETY: as above.
+                unsafe { (kernels.$sad)(row) }
+            }
+
+            fn select(kernels: &Kernels, row: &mut SelectRow<'_, Self>) {
+                row.check();
+                // SAFETY: as above.
+                unsafe { (kernels.$select)(row) }
+            }
+        }
+    };
+}
+cost_kernels!(u16, add_u16, sad_u16, scratch_u16, select_u16);
+cost_kernels!(u32, add_u32, sad_u32, scratch_u32, select_u32);

@@ -1,0 +1,138 @@
+//! Eq. 5 by running sums, in plain safe code: what the variants are held to, the fallback where there is none, and
+//! the kernel for sums too large for 16 bits.
+
+use super::{AddRow, Cost, RowShape, SadRow};
+
+/// Lanes are padded so that the compiler can use whole vectors.
+pub const LANE_BLOCK: usize = 16;
+
+/// `column_sums[c][k] += |left[c] - right[c + k]|`.
+#[inline(always)]
+pub fn add_row<C: Cost>(row: &mut AddRow<'_, C>) {
+    for (c, sums) in row.column_sums.chunks_exact_mut(row.lanes).enumerate() {
+        let left = row.row.left[c];
+        for (sum, &right) in sums.iter_mut().zip(&row.row.right[c..]) {
+            *sum = sum.slide(C::from_difference(left.abs_diff(right)), C::default());
+        }
+    }
+}
+
+/// Cells of scratch memory: the costs of the whole row.
+pub fn scratch_len(shape: &RowShape) -> usize {
+    shape.width * shape.lanes
+}
+
+/// See [`SadRow`].
+#[inline(always)]
+pub fn sad_row<C: Cost>(row: &mut SadRow<'_, C>) {
+    slide_columns_down(row);
+    sum_columns_along(row);
+    block(row);
+    find_best(row);
+    if let Some(reach) = row.shape.left_right_reach {
+        find_right_best(row);
+        find_nearby(row, reach);
+    }
+}
+
+/// `V[c][k] += |L_in[c] - R_in[c + k]| - |L_out[c] - R_out[c + k]|`.
+#[inline(always)]
+fn slide_columns_down<C: Cost>(row: &mut SadRow<'_, C>) {
+    for (c, sums) in row.column_sums.chunks_exact_mut(row.shape.lanes).enumerate() {
+        let (left_in, left_out) = (row.entering.left[c], row.leaving.left[c]);
+        let rights = row.entering.right[c..].iter().zip(&row.leaving.right[c..]);
+        for (sum, (&right_in, &right_out)) in sums.iter_mut().zip(rights) {
+            let entering = C::from_difference(left_in.abs_diff(right_in));
+            let leaving = C::from_difference(left_out.abs_diff(right_out));
+            *sum = sum.slide(entering, leaving);
+        }
+    }
+}
+
+/// `C[x][k] = Σ_{i = -r..r} V[clamp(x + i)][k]`, each from the one before.
+#[inline(always)]
+fn sum_columns_along<C: Cost>(row: &mut SadRow<'_, C>) {
+    let RowShape { width, lanes, radius, .. } = row.shape;
+    let column = |c: usize| &row.column_sums[c * lanes..(c + 1) * lanes];
+    let last = width - 1;
+    let first_costs = &mut row.scratch[..lanes];
+    first_costs.fill(C::default());
+    for i in 0..=2 * radius {
+        let entering = column(i.saturating_sub(radius).min(last));
+        for (cost, &entering) in first_costs.iter_mut().zip(entering) {
+            *cost = cost.slide(entering, C::default());
+        }
+    }
+    for x in 1..width {
+        let (before, costs) = row.scratch[(x - 1) * lanes..(x + 1) * lanes].split_at_mut(lanes);
+        let (entering, leaving) = (column((x + radius).min(last)), column(x.saturating_sub(radius + 1)));
+        for (((cost, &before), &entering), &leaving) in
+            costs.iter_mut().zip(&*before).zip(entering).zip(leaving)
+        {
+            *cost = before.slide(entering, leaving);
+        }
+    }
+}
+
+/// What is not a candidate gets a cost that loses against every candidate's.
+#[inline(always)]
+fn block<C: Cost>(row: &mut SadRow<'_, C>) {
+    for x in 0..row.shape.blocked_columns {
+        let costs = &mut row.scratch[x * row.shape.lanes..(x + 1) * row.shape.lanes];
+        let blocked = row.blocked_right[x..].iter().zip(row.blocked_lanes);
+        for (cost, (&right, &lane)) in costs.iter_mut().zip(blocked) {
+            *cost = (*cost).max(row.blocked_left[x]).max(right).max(lane);
+        }
+    }
+}
+
+/// The first lane with the smallest cost, its neighbours' costs, and how many lanes come close.
+#[inline(always)]
+fn find_best<C: Cost>(row: &mut SadRow<'_, C>) {
+    for (x, costs) in row.scratch.chunks_exact(row.shape.lanes).enumerate() {
+        let best = costs.iter().copied().min().unwrap_or(C::BLOCKED);
+        let lane = costs.iter().position(|&cost| cost == best).unwrap_or(0);
+        let at = |lane: Option<usize>| lane.and_then(|k| costs.get(k)).copied().unwrap_or(C::BLOCKED);
+        row.best_lane[x] = lane as u16;
+        row.costs[x] = [at(lane.checked_sub(1)), best, at(Some(lane + 1)), C::BLOCKED];
+        if row.shape.uniqueness_ratio > 0 {
+            let limit = rival_limit(best.to_u32(), row.shape.uniqueness_ratio);
+            row.rivals[x] =
+                costs.iter().map(|&cost| u16::from(cost < C::BLOCKED && cost.to_u32() <= limit)).sum();
+        }
+    }
+}
+
+/// The cost up to which a candidate is a rival of the best: `best + best·ratio/100`, rounded down as OpenCV does.
+#[inline(always)]
+pub(in crate::kernels) fn rival_limit(best: u32, uniqueness_ratio: u32) -> u32 {
+    // Wraps only for a blocked best, whose limit no one uses: 255·31²·100 < 2³².
+    best.wrapping_add(best.wrapping_mul(uniqueness_ratio) / 100)
+}
+
+/// The smallest cost per right pixel, over all left pixels it can belong to.
+#[inline(always)]
+fn find_right_best<C: Cost>(row: &mut SadRow<'_, C>) {
+    row.right_best.fill(C::BLOCKED);
+    for (x, costs) in row.scratch.chunks_exact(row.shape.lanes).enumerate() {
+        for (best, &cost) in row.right_best[x..].iter_mut().zip(costs) {
+            *best = (*best).min(cost);
+        }
+    }
+}
+
+/// The smallest of the costs of one right pixel near the best one: disparity `d + j` belongs to column `x + j`.
+#[inline(always)]
+fn find_nearby<C: Cost>(row: &mut SadRow<'_, C>, reach: usize) {
+    let RowShape { width, lanes, .. } = row.shape;
+    for x in 0..width {
+        let lane = usize::from(row.best_lane[x]);
+        let right = x + lane;
+        let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
+        row.nearby[x] = columns
+            .filter(|&column| column <= right && right - column < lanes)
+            .map(|column| row.scratch[column * lanes + (right - column)])
+            .min()
+            .unwrap_or(C::BLOCKED);
+    }
+}

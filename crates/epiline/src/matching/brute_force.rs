@@ -1,0 +1,190 @@
+//! The definition of the matcher, computed directly: no running sums, no lanes, no buffers.
+//!
+//! Time grows with `width · height · num_disparities · block_size²`; for tests on small images. Nothing here is shared
+//! with the matcher but the types.
+
+use super::map::{DisparityMap, Validity};
+use super::matcher::require_sizes;
+use super::params::{MatcherParams, Prefilter};
+use crate::error::Result;
+use crate::image::{Image, ImageRef};
+
+/// What [`StereoMatcher::compute_masked`](super::StereoMatcher::compute_masked) must compute.
+pub fn compute_masked(
+    params: &MatcherParams,
+    left: ImageRef<'_, u8>,
+    right: ImageRef<'_, u8>,
+    left_valid: Option<ImageRef<'_, u8>>,
+    right_valid: Option<ImageRef<'_, u8>>,
+) -> Result<DisparityMap> {
+    params.validate()?;
+    require_sizes(left, right, left_valid, right_valid)?;
+    params.require_width(left.width())?;
+    let derivative = derivative(left, params.prefilter_cap);
+    let pair = match params.prefilter {
+        Prefilter::None => [left, right]
+            .map(|image| Image::from_fn(image.width(), image.height(), |x, y| image.at(x, y).into())),
+        Prefilter::XSobel => [derivative.clone(), self::derivative(right, params.prefilter_cap)],
+    };
+    let costs = Costs { params, pair, left_valid, right_valid };
+    let mut map = DisparityMap::new(left.width(), left.height());
+    map.min_disparity = params.min_disparity;
+    map.num_disparities = params.num_disparities;
+    for y in 0..left.height() {
+        for x in 0..left.width() {
+            let (value, bits) = match costs.best(x, y) {
+                Some(best) => costs.judge(x, y, best, &derivative),
+                None => (0, costs.why_not(x, y)),
+            };
+            map.values.row_mut(y)[x] = value;
+            map.validity.row_mut(y)[x] = bits;
+        }
+    }
+    if params.speckle_size > 0 {
+        mark_speckles(&mut map, params.speckle_size, params.speckle_range);
+    }
+    Ok(map)
+}
+
+/// Horizontal Sobel derivative, mirrored at the borders and clipped.
+fn derivative(image: ImageRef<'_, u8>, cap: u8) -> Image<i32> {
+    let mirrored = |i: isize, n: usize| {
+        let n = n as isize;
+        let i = if i < 0 {
+            -i
+        } else if i >= n {
+            2 * (n - 1) - i
+        } else {
+            i
+        };
+        i.clamp(0, n - 1) as usize
+    };
+    let at =
+        |x: isize, y: isize| i32::from(image.at(mirrored(x, image.width()), mirrored(y, image.height())));
+    Image::from_fn(image.width(), image.height(), |x, y| {
+        let (x, y) = (x as isize, y as isize);
+        let sum: i32 =
+            [(-1, 1), (0, 2), (1, 1)].iter().map(|&(j, w)| w * (at(x + 1, y + j) - at(x - 1, y + j))).sum();
+        sum.clamp(-i32::from(cap), cap.into())
+    })
+}
+
+struct Costs<'a> {
+    params: &'a MatcherParams,
+    pair: [Image<i32>; 2],
+    left_valid: Option<ImageRef<'a, u8>>,
+    right_valid: Option<ImageRef<'a, u8>>,
+}
+
+impl Costs<'_> {
+    /// Pixels of the window around `(x, y)`, clamped to the image.
+    fn window(&self, x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
+        let (width, height) = (self.pair[0].width() as isize, self.pair[0].height() as isize);
+        let (x, y, r) = (x as isize, y as isize, self.params.radius() as isize);
+        (-r..=r).flat_map(move |j| {
+            let row = (y + j).clamp(0, height - 1) as usize;
+            (-r..=r).map(move |i| ((x + i).clamp(0, width - 1) as usize, row))
+        })
+    }
+
+    /// Eq. 5, or `None` if the pair `(x, d)` is not a candidate.
+    fn cost(&self, x: usize, y: usize, d: usize) -> Option<i64> {
+        let right_x = x.checked_sub(d)?;
+        let has_source = |mask: Option<ImageRef<'_, u8>>, x| mask.is_none_or(|mask| mask.at(x, y) != 0);
+        let in_range =
+            (self.params.min_disparity..self.params.min_disparity + self.params.num_disparities).contains(&d);
+        if !in_range || !has_source(self.left_valid, x) || !has_source(self.right_valid, right_x) {
+            return None;
+        }
+        let [left, right] = &self.pair;
+        Some(
+            self.window(x, y)
+                .map(|(x, y)| i64::from((left.row(y)[x] - right.row(y)[x.saturating_sub(d)]).abs()))
+                .sum(),
+        )
+    }
+
+    fn disparities(&self) -> std::ops::Range<usize> {
+        self.params.min_disparity..self.params.min_disparity + self.params.num_disparities
+    }
+
+    /// The cheapest candidate; of equals, the largest disparity.
+    fn best(&self, x: usize, y: usize) -> Option<(usize, i64)> {
+        let candidates = self.disparities().filter_map(|d| Some((d, self.cost(x, y, d)?)));
+        candidates.min_by_key(|&(d, cost)| (cost, std::cmp::Reverse(d)))
+    }
+
+    fn why_not(&self, x: usize, y: usize) -> u8 {
+        let border = if x < self.params.min_disparity { Validity::BORDER } else { Validity::NO_SOURCE };
+        let left_has_source = self.left_valid.is_none_or(|mask| mask.at(x, y) != 0);
+        border | if left_has_source { 0 } else { Validity::NO_SOURCE }
+    }
+
+    fn judge(&self, x: usize, y: usize, (d, best): (usize, i64), derivative: &Image<i32>) -> (u16, u8) {
+        let params = self.params;
+        let beside = |d: Option<usize>| d.and_then(|d| self.cost(x, y, d));
+        let (smaller, larger) = (beside(d.checked_sub(1)), beside(Some(d + 1)));
+        let mut value_256 = 256 * d as i64;
+        if let (true, Some(smaller), Some(larger)) = (params.subpixel, smaller, larger)
+            && smaller.max(larger) > best
+        {
+            value_256 += (smaller - larger) * 256 / (2 * (smaller.max(larger) - best));
+        }
+        let mut bits = 0;
+        if params.uniqueness_ratio > 0 {
+            let limit = best + best * i64::from(params.uniqueness_ratio) / 100;
+            let rival = |other: usize| {
+                other.abs_diff(d) > 1 && self.cost(x, y, other).is_some_and(|cost| cost <= limit)
+            };
+            if self.disparities().any(rival) {
+                bits |= Validity::NOT_UNIQUE;
+            }
+        }
+        if let Some(max_diff) = params.left_right_max_diff {
+            let right_x = x - d;
+            let of_right = |d: usize| {
+                let x = right_x + d;
+                if x < self.pair[0].width() { self.cost(x, y, d) } else { None }
+            };
+            let own = self.disparities().filter_map(of_right).min();
+            let near = d.saturating_sub(max_diff.into())..=d + usize::from(max_diff);
+            if near.filter_map(of_right).min() != own {
+                bits |= Validity::LEFT_RIGHT;
+            }
+        }
+        let texture: i64 = self.window(x, y).map(|(x, y)| i64::from(derivative.row(y)[x].abs())).sum();
+        if texture < params.texture_threshold.into() {
+            bits |= Validity::LOW_TEXTURE;
+        }
+        (((value_256 + 15) >> 4) as u16, bits)
+    }
+}
+
+/// Flood fill from every pixel not yet visited.
+fn mark_speckles(map: &mut DisparityMap, size: usize, range_px: u16) {
+    let (width, height) = (map.width(), map.height());
+    let mut visited = Image::<u8>::new(width, height);
+    for start in (0..width * height).map(|i| (i % width, i / width)) {
+        let mut island = vec![start];
+        let mut next = 0;
+        if visited.row(start.1)[start.0] != 0 || !Validity::has_value(map.validity.row(start.1)[start.0]) {
+            continue;
+        }
+        visited.row_mut(start.1)[start.0] = 1;
+        while let Some(&(x, y)) = island.get(next) {
+            next += 1;
+            let around = [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)];
+            for (nx, ny) in around.into_iter().filter(|&(nx, ny)| nx < width && ny < height) {
+                let close = u32::from(map.values.row(y)[x].abs_diff(map.values.row(ny)[nx]))
+                    <= u32::from(range_px) * u32::from(DisparityMap::SCALE);
+                if close && visited.row(ny)[nx] == 0 && Validity::has_value(map.validity.row(ny)[nx]) {
+                    visited.row_mut(ny)[nx] = 1;
+                    island.push((nx, ny));
+                }
+            }
+        }
+        if island.len() <= size {
+            island.iter().for_each(|&(x, y)| map.validity.row_mut(y)[x] |= Validity::SPECKLE);
+        }
+    }
+}

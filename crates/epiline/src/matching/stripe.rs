@@ -1,0 +1,186 @@
+//! A stripe of rows: everything that happens row by row, with its own buffers.
+
+use std::ops::Range;
+
+use super::aligned::AlignedVec;
+use super::left_right;
+use super::map::Validity;
+use super::params::MatcherParams;
+use super::prepared::PreparedPair;
+use super::texture::TextureSums;
+use crate::image::ImageRef;
+use crate::kernels::sad::{AddRow, RowShape, SadRow};
+use crate::kernels::select::SelectRow;
+use crate::kernels::{CostKernels, Kernels};
+
+/// What every stripe of a frame reads.
+#[derive(Clone, Copy)]
+pub(super) struct Frame<'a> {
+    pub kernels: &'a Kernels,
+    pub params: &'a MatcherParams,
+    pub pair: &'a PreparedPair,
+    pub left_valid: Option<ImageRef<'a, u8>>,
+    pub right_valid: Option<ImageRef<'a, u8>>,
+}
+
+impl Frame<'_> {
+    fn shape(&self) -> RowShape {
+        let params = self.params;
+        let lanes = self.kernels.lanes(params.num_disparities);
+        let width = self.pair.width();
+        let everywhere =
+            lanes != params.num_disparities || self.left_valid.is_some() || self.right_valid.is_some();
+        // Near the left edge the larger disparities point outside the right image.
+        let near_edge = (params.min_disparity + lanes - 1).min(width);
+        RowShape {
+            width,
+            lanes,
+            radius: params.radius(),
+            largest_difference: params.largest_difference(),
+            blocked_columns: if everywhere { width } else { near_edge },
+            uniqueness_ratio: params.uniqueness_ratio.into(),
+            // A reach over all disparities accepts everything.
+            left_right_reach: params
+                .left_right_max_diff
+                .map(usize::from)
+                .filter(|&reach| reach + 1 < params.num_disparities),
+        }
+    }
+}
+
+/// The buffers of one stripe, for costs of type `C`.
+#[derive(Debug, Default)]
+pub(super) struct Stripe<C> {
+    column_sums: AlignedVec<C>,
+    scratch: AlignedVec<C>,
+    blocked_left: AlignedVec<C>,
+    blocked_right: AlignedVec<C>,
+    blocked_lanes: AlignedVec<C>,
+    best_lane: Vec<u16>,
+    costs: Vec<[C; 4]>,
+    rivals: Vec<u16>,
+    nearby: Vec<C>,
+    right_best: Vec<C>,
+    texture: TextureSums,
+}
+
+impl<C: CostKernels> Stripe<C> {
+    /// Matches some rows. `values` and `bits` hold those rows of the disparity map.
+    pub fn compute(&mut self, frame: &Frame<'_>, rows: Range<usize>, values: &mut [u16], bits: &mut [u8]) {
+        let shape = frame.shape();
+        self.prepare(frame, &shape, rows.start);
+        let outputs = values.chunks_exact_mut(shape.width).zip(bits.chunks_exact_mut(shape.width));
+        for (y, (values, bits)) in rows.zip(outputs) {
+            self.compute_row(frame, shape, y, values, bits);
+        }
+    }
+
+    /// Sizes the buffers and fills the window with the rows above the first.
+    fn prepare(&mut self, frame: &Frame<'_>, shape: &RowShape, first_row: usize) {
+        let RowShape { width, lanes, radius, .. } = *shape;
+        let padded = width + lanes - 1;
+        self.column_sums.reset(width * lanes, C::default());
+        self.scratch.reset(C::scratch_len(frame.kernels, shape), C::BLOCKED);
+        self.blocked_left.reset(width, C::default());
+        self.blocked_right.reset(padded, C::default());
+        self.blocked_right[..(frame.params.min_disparity + lanes - 1).min(padded)].fill(C::BLOCKED);
+        self.blocked_lanes.reset(lanes, C::default());
+        self.blocked_lanes[..lanes - frame.params.num_disparities].fill(C::BLOCKED);
+        self.best_lane.resize(width, 0);
+        self.costs.resize(width, [C::BLOCKED; 4]);
+        self.rivals.resize(width, 0);
+        self.nearby.resize(width, C::BLOCKED);
+        self.right_best.resize(padded, C::BLOCKED);
+        self.texture.reset(width);
+
+        let (first_row, radius) = (first_row as isize, radius as isize);
+        for y in first_row - radius - 1..first_row + radius {
+            C::add(
+                frame.kernels,
+                &mut AddRow { lanes, row: frame.pair.row(y), column_sums: &mut self.column_sums },
+            );
+            if frame.params.texture_threshold > 0 {
+                self.texture.enter(frame.pair.texture_row(y), frame.params.prefilter_cap);
+            }
+        }
+    }
+
+    fn compute_row(
+        &mut self,
+        frame: &Frame<'_>,
+        shape: RowShape,
+        y: usize,
+        values: &mut [u16],
+        bits: &mut [u8],
+    ) {
+        let Frame { kernels, params, pair, .. } = *frame;
+        let (entering_y, leaving_y) =
+            (y as isize + shape.radius as isize, y as isize - shape.radius as isize - 1);
+        let first_disparity = params.min_disparity + shape.lanes - 1;
+        if let Some(valid) = frame.left_valid {
+            block(&mut self.blocked_left, valid.row(y));
+        }
+        if let Some(valid) = frame.right_valid
+            && let Some(inside) = self.blocked_right.get_mut(first_disparity..)
+        {
+            block(inside, valid.row(y));
+        }
+        C::sad(
+            kernels,
+            &mut SadRow {
+                shape,
+                entering: pair.row(entering_y),
+                leaving: pair.row(leaving_y),
+                blocked_left: &self.blocked_left,
+                blocked_right: &self.blocked_right,
+                blocked_lanes: &self.blocked_lanes,
+                column_sums: &mut self.column_sums,
+                scratch: &mut self.scratch,
+                best_lane: &mut self.best_lane,
+                costs: &mut self.costs,
+                rivals: &mut self.rivals,
+                nearby: &mut self.nearby,
+                right_best: &mut self.right_best,
+            },
+        );
+        C::select(
+            kernels,
+            &mut SelectRow {
+                best_lane: &self.best_lane,
+                costs: &self.costs,
+                rivals: &self.rivals,
+                first_disparity: first_disparity as u16,
+                subpixel: params.subpixel,
+                uniqueness_ratio: shape.uniqueness_ratio,
+                no_candidate: Validity::NO_SOURCE,
+                not_unique: Validity::NOT_UNIQUE,
+                values,
+                bits,
+            },
+        );
+        // Here no disparity asked for lies inside the right image, whatever has a source.
+        bits[..params.min_disparity.min(shape.width)].fill(Validity::BORDER);
+        if let Some(valid) = frame.left_valid {
+            let sourceless = bits.iter_mut().zip(valid.row(y)).filter(|&(_, &valid)| valid == 0);
+            sourceless.for_each(|(bits, _)| *bits |= Validity::NO_SOURCE);
+        }
+        let except = Validity::NO_CANDIDATE;
+        if shape.left_right_reach.is_some() {
+            let bit = Validity::LEFT_RIGHT;
+            left_right::mark(&self.best_lane, &self.nearby, &self.right_best, bit, except, bits);
+        }
+        if params.texture_threshold > 0 {
+            let (level, threshold) = (params.prefilter_cap, params.texture_threshold);
+            self.texture.enter(pair.texture_row(entering_y), level);
+            self.texture.leave(pair.texture_row(leaving_y), level);
+            self.texture.mark(shape.radius, threshold, Validity::LOW_TEXTURE, except, bits);
+        }
+    }
+}
+
+/// Pixels without source become blocked.
+fn block<C: CostKernels>(blocked: &mut [C], valid: &[u8]) {
+    for (blocked, &valid) in blocked.iter_mut().zip(valid) {
+        *blocked = if valid == 0 { C::BLOCKED } else { C::default() };
+    }
+}

@@ -1,0 +1,265 @@
+//! The matcher against its definition computed directly, at every instruction level and any number of threads.
+
+use epiline::image::{Image, ImageRef};
+use epiline::kernels::Level;
+use epiline::matching::{DisparityMap, MatcherParams, Prefilter, StereoMatcher, Validity, brute_force};
+use proptest::prelude::*;
+
+/// A pair and its masks.
+#[derive(Debug, Clone)]
+struct Scene {
+    left: Image<u8>,
+    right: Image<u8>,
+    left_valid: Option<Image<u8>>,
+    right_valid: Option<Image<u8>>,
+}
+
+impl Scene {
+    fn masks(&self) -> [Option<ImageRef<'_, u8>>; 2] {
+        [&self.left_valid, &self.right_valid].map(|mask| mask.as_ref().map(Image::view))
+    }
+
+    fn brute_force(&self, params: &MatcherParams) -> DisparityMap {
+        let [left_valid, right_valid] = self.masks();
+        brute_force::compute_masked(params, self.left.view(), self.right.view(), left_valid, right_valid)
+            .expect("parameters fit the images")
+    }
+
+    fn matcher(&self, matcher: &mut StereoMatcher) -> DisparityMap {
+        let [left_valid, right_valid] = self.masks();
+        let mut map = DisparityMap::default();
+        matcher
+            .compute_masked(self.left.view(), self.right.view(), left_valid, right_valid, &mut map)
+            .expect("parameters fit the images");
+        map
+    }
+}
+
+/// Repeatable pixels from a seed: no crate decides what they are.
+fn noise(seed: u64) -> impl FnMut() -> u8 {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 32) as u8
+    }
+}
+
+/// How the pixels are distributed: what breaks sums is not what breaks ties.
+#[derive(Debug, Clone, Copy)]
+enum Content {
+    /// Right is left, shifted by a disparity that varies, plus a little noise.
+    Shifted,
+    /// Only 0 and 255: the largest sums there are.
+    Extreme,
+    /// Few grey levels: ties everywhere.
+    Coarse,
+    /// One grey level: nothing but ties.
+    Flat,
+}
+
+fn scene(width: usize, height: usize, content: Content, masked: [bool; 2], seed: u64) -> Scene {
+    let mut next = noise(seed);
+    let left = Image::from_fn(width, height, |_, _| match content {
+        Content::Shifted => next(),
+        Content::Extreme => 255 * (next() & 1),
+        Content::Coarse => 40 * (next() & 3),
+        Content::Flat => 77,
+    });
+    let right = Image::from_fn(width, height, |x, y| {
+        let shift = 1 + y / 4 + usize::from(x > width / 2) * 3;
+        match content {
+            Content::Shifted => left.row(y)[(x + shift).min(width - 1)].saturating_add(next() & 3),
+            Content::Extreme => 255 * (next() & 1),
+            Content::Coarse => left.row(y)[(x + shift).min(width - 1)],
+            Content::Flat => 77,
+        }
+    });
+    let [left_valid, right_valid] =
+        masked.map(|masked| masked.then(|| Image::from_fn(width, height, |_, _| u8::from(next() > 40))));
+    Scene { left, right, left_valid, right_valid }
+}
+
+fn params() -> impl Strategy<Value = MatcherParams> {
+    let cost = (0..=8_usize, prop::bool::ANY, 1..=63_u8);
+    let range = (1..=70_usize, 0..=5_usize);
+    let tests = (
+        prop::sample::select(vec![0_u8, 5, 15, 100]),
+        prop::sample::select(vec![0_u32, 40, 900]),
+        prop::sample::select(vec![None, Some(0_u16), Some(1), Some(2), Some(40)]),
+        prop::sample::select(vec![0_usize, 1, 12]),
+        prop::bool::ANY,
+    );
+    (cost, range, tests).prop_map(
+        |((radius, raw, cap), (num, min), (unique, texture, left_right, speckle, subpixel))| MatcherParams {
+            num_disparities: num,
+            min_disparity: min,
+            block_size: 2 * radius + 1,
+            prefilter: if raw { Prefilter::None } else { Prefilter::XSobel },
+            prefilter_cap: cap,
+            uniqueness_ratio: unique,
+            texture_threshold: texture,
+            left_right_max_diff: left_right,
+            speckle_size: speckle,
+            speckle_range: 1,
+            subpixel,
+            threads: Some(1),
+            ..MatcherParams::default()
+        },
+    )
+}
+
+fn assert_same(actual: &DisparityMap, expected: &DisparityMap, what: &str) {
+    for y in 0..expected.height() {
+        for x in 0..expected.width() {
+            let of = |map: &DisparityMap| (map.values.row(y)[x], map.validity.row(y)[x]);
+            assert_eq!(of(actual), of(expected), "{what}: (value, bits) at x = {x}, y = {y}");
+        }
+    }
+    assert_eq!(actual, expected, "{what}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 160, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn every_level_computes_the_definition(
+        params in params(),
+        extra_width in 0..40_usize,
+        height in 1..=14_usize,
+        content in prop::sample::select(vec![Content::Shifted, Content::Extreme, Content::Coarse, Content::Flat]),
+        masked in prop::array::uniform2(prop::bool::weighted(0.3)),
+        seed in any::<u64>(),
+    ) {
+        let width = params.min_disparity + params.num_disparities + extra_width;
+        let scene = scene(width, height, content, masked, seed);
+        let expected = scene.brute_force(&params);
+        for level in Level::available() {
+            let mut matcher = StereoMatcher::with_level(params, level).expect("legal parameters");
+            assert_same(&scene.matcher(&mut matcher), &expected, level.name());
+        }
+    }
+}
+
+/// All tests at once, on a content that each of them rejects something of.
+fn strict() -> MatcherParams {
+    MatcherParams {
+        num_disparities: 24,
+        block_size: 5,
+        uniqueness_ratio: 10,
+        texture_threshold: 300,
+        left_right_max_diff: Some(1),
+        speckle_size: 20,
+        threads: Some(1),
+        ..MatcherParams::default()
+    }
+}
+
+#[test]
+fn every_test_has_its_own_bit() {
+    let scene = scene(96, 40, Content::Shifted, [true, true], 3);
+    let params = MatcherParams { min_disparity: 1, ..strict() };
+    let map = scene.matcher(&mut StereoMatcher::new(params).expect("legal"));
+    let seen = map.validity.as_slice().iter().fold(0, |seen, bits| seen | bits);
+    for (name, bit) in [
+        ("border", Validity::BORDER),
+        ("no source", Validity::NO_SOURCE),
+        ("not unique", Validity::NOT_UNIQUE),
+        ("left-right", Validity::LEFT_RIGHT),
+        ("texture", Validity::LOW_TEXTURE),
+        ("speckle", Validity::SPECKLE),
+    ] {
+        assert_ne!(seen & bit, 0, "no pixel was rejected for: {name}");
+    }
+    assert!(map.density() > 0.05, "something is left");
+}
+
+#[test]
+fn the_result_does_not_depend_on_the_number_of_threads() {
+    let scene = scene(83, 131, Content::Shifted, [false, true], 9);
+    let single = scene.matcher(&mut StereoMatcher::new(strict()).expect("legal"));
+    for threads in [2, 3, 4, 16] {
+        let params = MatcherParams { threads: Some(threads), ..strict() };
+        let map = scene.matcher(&mut StereoMatcher::new(params).expect("legal"));
+        assert_same(&map, &single, &format!("{threads} threads"));
+    }
+}
+
+#[test]
+fn a_matcher_forgets_the_frames_before() {
+    let params = strict();
+    let mut warm = StereoMatcher::new(params).expect("legal");
+    for (width, height, masked) in [(70, 33, true), (40, 60, false), (90, 5, true), (70, 33, false)] {
+        let scene = scene(width, height, Content::Shifted, [masked, false], width as u64);
+        let mut cold = StereoMatcher::new(params).expect("legal");
+        assert_same(&scene.matcher(&mut warm), &scene.matcher(&mut cold), &format!("{width}x{height}"));
+    }
+}
+
+#[test]
+fn sums_beyond_sixteen_bits_are_exact() {
+    // Black against white: every window sums to 255·31² = 245 055.
+    let (width, height) = (40, 12);
+    let scene = Scene {
+        left: Image::from_fn(width, height, |_, _| 255),
+        right: Image::from_fn(width, height, |x, _| if x == 7 { 10 } else { 0 }),
+        left_valid: None,
+        right_valid: None,
+    };
+    let params = MatcherParams {
+        num_disparities: 20,
+        block_size: 31,
+        prefilter: Prefilter::None,
+        uniqueness_ratio: 1,
+        left_right_max_diff: Some(0),
+        threads: Some(1),
+        ..MatcherParams::default()
+    };
+    let expected = scene.brute_force(&params);
+    for level in Level::available() {
+        let mut matcher = StereoMatcher::with_level(params, level).expect("legal parameters");
+        assert_same(&scene.matcher(&mut matcher), &expected, level.name());
+    }
+}
+
+#[test]
+fn a_pixel_near_the_left_edge_has_fewer_candidates_not_none() {
+    let scene = scene(64, 9, Content::Shifted, [false, false], 1);
+    let params =
+        MatcherParams { num_disparities: 32, block_size: 5, threads: Some(1), ..MatcherParams::default() };
+    let map = scene.matcher(&mut StereoMatcher::new(params).expect("legal"));
+    assert_eq!(map.density(), 1.0);
+    for y in 0..map.height() {
+        for x in 0..map.width() {
+            assert!(map.at(x, y).expect("dense") <= x as f32 + 0.5, "the match of x = {x} lies in the image");
+        }
+    }
+}
+
+#[test]
+fn a_range_wider_than_the_image_is_an_error_that_names_both() {
+    let scene = scene(48, 8, Content::Shifted, [false, false], 1);
+    let params = MatcherParams { num_disparities: 46, min_disparity: 3, ..MatcherParams::default() };
+    let mut matcher = StereoMatcher::new(params).expect("legal in itself");
+    let error = matcher
+        .compute(scene.left.view(), scene.right.view(), &mut DisparityMap::default())
+        .expect_err("49 disparities do not fit 48 columns");
+    let message = error.to_string();
+    assert!(message.contains("num_disparities = 46 px") && message.contains("width of 48 px"), "{message}");
+}
+
+#[test]
+fn images_and_masks_of_other_sizes_are_errors_that_name_them() {
+    let (a, b) = (Image::<u8>::new(40, 10), Image::<u8>::new(40, 11));
+    let params = MatcherParams { num_disparities: 16, ..MatcherParams::default() };
+    let mut matcher = StereoMatcher::new(params).expect("legal");
+    let mut map = DisparityMap::default();
+    let error = matcher.compute(a.view(), b.view(), &mut map).expect_err("heights differ").to_string();
+    assert!(error.contains("left is 40x10 px but right is 40x11 px"), "{error}");
+    let error = matcher
+        .compute_masked(a.view(), a.view(), None, Some(b.view()), &mut map)
+        .expect_err("the mask's height differs")
+        .to_string();
+    assert!(error.contains("right_valid is 40x11 px"), "{error}");
+}
