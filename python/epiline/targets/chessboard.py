@@ -46,12 +46,12 @@ def find_corners(image: NDArray[np.uint8], board: Chessboard, *, half_window: in
     NotFound
         No board, or one whose grid is not regular.
     """
-    rough = _detect(image, board)
+    rough = _repaired(_detect(image, board), board)
     spacing = smallest_spacing(rough, board)
     window = half_window or max(_MIN_HALF_WINDOW, int(_WINDOW_SHARE * spacing))
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
-    refined = cv2.cornerSubPix(image, rough.astype(np.float32)[:, None], (window, window), (-1, -1), criteria)
-    corners = np.asarray(refined[:, 0], np.float64)
+    refined = cv2.cornerSubPix(image, rough.astype(np.float32).reshape(-1, 1, 2), (window, window), (-1, -1), criteria)
+    corners = np.asarray(refined, np.float64).reshape(-1, 2)
     moved = float(np.abs(corners - rough).max())
     if moved > _MAX_REFINEMENT_SHARE * spacing:
         raise NotFound(f"refinement moved a corner by {moved:.1f} px, {moved / spacing:.2f} of the spacing")
@@ -76,8 +76,40 @@ def _detect(image: NDArray[np.uint8], board: Chessboard) -> Points:
         found, corners = cv2.findChessboardCorners(copy, size, flags=flags)
         if found:
             # Pixel centres, not corners, are whole numbers: hence the half pixel on both sides of the scaling.
-            return (np.asarray(corners[:, 0], np.float64) + 0.5) / scale - 0.5
+            return (np.asarray(corners, np.float64).reshape(-1, 2) + 0.5) / scale - 0.5
     raise NotFound(f"no {board} board")
+
+
+def _repaired(corners: Points, board: Chessboard) -> Points:
+    """The corners; a single stray one is moved to where its row and column expect it, if that makes the grid regular.
+
+    The detector at times ends a row on the wrong edge. One corner can be told from the 53 others; with more than one
+    wrong the grid is mis-found and stays as it is, to be refused.
+    """
+    if largest_bend(corners, board) <= _MAX_BEND_SHARE:
+        return corners
+    grid = corners.reshape(board.rows, board.columns, 2)
+    expected = (_expected_along(grid) + _expected_along(grid.swapaxes(0, 1)).swapaxes(0, 1)) / 2
+    away = np.linalg.norm(grid - expected, axis=-1)
+    # A stray corner spoils what its neighbours expect too, but nobody's as much as its own.
+    stray = np.unravel_index(int(away.argmax()), away.shape)
+    repaired = grid.copy()
+    repaired[stray] = expected[stray]
+    result = repaired.reshape(-1, 2)
+    return result if largest_bend(result, board) <= _MAX_BEND_SHARE else corners
+
+
+def _expected_along(grid: Points) -> Points:
+    """Where each corner's neighbours in its row put it: the middle between two, or a parabola carried on at the ends."""
+    expected = np.empty_like(grid)
+    expected[:, 1:-1] = (grid[:, :-2] + grid[:, 2:]) / 2
+    if grid.shape[1] > 3:
+        expected[:, 0] = 3 * grid[:, 1] - 3 * grid[:, 2] + grid[:, 3]
+        expected[:, -1] = 3 * grid[:, -2] - 3 * grid[:, -3] + grid[:, -4]
+    else:
+        expected[:, 0] = 2 * grid[:, 1] - grid[:, 2]
+        expected[:, -1] = 2 * grid[:, -2] - grid[:, -3]
+    return expected
 
 
 def smallest_spacing(corners: Points, board: Chessboard) -> float:
