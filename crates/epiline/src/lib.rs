@@ -5,7 +5,10 @@ pub mod camera;
 pub mod error;
 pub mod image;
 pub mod matching;
+pub mod obstacles;
 pub mod preprocess;
+pub mod range;
 pub mod rectification;
+pub mod regions;
 
 pub use error::{Error, Result};
