@@ -6,7 +6,10 @@ pub mod error;
 pub mod image;
 pub mod kernels;
 pub mod matching;
+pub mod obstacles;
 pub mod preprocess;
+pub mod range;
 pub mod rectification;
+pub mod regions;
 
 pub use error::{Error, Result};

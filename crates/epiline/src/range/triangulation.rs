@@ -1,0 +1,205 @@
+//! Depth, range and their uncertainty of every pixel.
+
+use crate::error::{Error, Result};
+use crate::image::Image;
+use crate::matching::{DisparityMap, Validity};
+use crate::rectification::RectifiedGeometry;
+
+/// Metres of every pixel of the left aligned image.
+///
+/// `depth_m` is Z along the optical axis, `range_m` the Euclidean distance from the left camera; both and `sigma_m`
+/// are NaN where the disparity map has no value, and where the two rays do not meet in front of the cameras
+/// (`d + doffs_px <= 0`: a point at infinity has no range).
+#[derive(Debug, Clone, PartialEq)]
+pub struct RangeImage {
+    /// Z along the optical axis, metres.
+    pub depth_m: Image<f32>,
+    /// Euclidean distance, metres.
+    pub range_m: Image<f32>,
+    /// Standard deviation of `range_m`, metres: matching and calibration together.
+    pub sigma_m: Image<f32>,
+    /// Bits of [`Validity`], as in the disparity map.
+    pub validity: Image<u8>,
+    /// What the pixels mean in space.
+    pub geometry: RectifiedGeometry,
+}
+
+impl RangeImage {
+    /// An image of the geometry's size without a single answer.
+    pub fn new(geometry: &RectifiedGeometry) -> Self {
+        let unknown = || Image::from_fn(geometry.width, geometry.height, |_, _| f32::NAN);
+        let mut validity = Image::new(geometry.width, geometry.height);
+        validity.fill(Validity::BORDER);
+        Self { depth_m: unknown(), range_m: unknown(), sigma_m: unknown(), validity, geometry: *geometry }
+    }
+
+    /// Width, pixels.
+    pub fn width(&self) -> usize {
+        self.depth_m.width()
+    }
+
+    /// Height, pixels.
+    pub fn height(&self) -> usize {
+        self.depth_m.height()
+    }
+
+    /// Every pixel that has a depth, row after row, as `(x, y, (X, Y, Z) in metres)` in the left aligned frame.
+    pub fn points(&self) -> impl Iterator<Item = (usize, usize, [f32; 3])> + '_ {
+        let RectifiedGeometry { focal_px, cx_px, cy_px, .. } = self.geometry;
+        let slope = move |at: usize, center: f64| ((at as f64 - center) / focal_px) as f32;
+        (0..self.height()).flat_map(move |y| {
+            let row_slope = slope(y, cy_px);
+            self.depth_m
+                .row(y)
+                .iter()
+                .enumerate()
+                .filter(|(_, z)| z.is_finite())
+                .map(move |(x, &z)| (x, y, [slope(x, cx_px) * z, row_slope * z, z]))
+        })
+    }
+}
+
+/// Depth and its standard deviation for one value of the disparity map.
+#[derive(Debug, Clone, Copy)]
+struct Metres {
+    depth: f32,
+    sigma: f32,
+}
+
+const UNKNOWN: Metres = Metres { depth: f32::NAN, sigma: f32::NAN };
+
+/// Triangulation of one rig, with everything that does not depend on the frame worked out beforehand.
+///
+/// ```text
+/// Z       = f·b / (d + doffs)                                     eq. 2
+/// range   = Z·‖ray‖,  ray = ((x - cx)/f, (y - cy)/f, 1)
+/// σ_range = ‖ray‖·sqrt((Z²·σ_d / (f·b))² + var_calibration(Z))
+/// ```
+///
+/// `Z` and its variance depend on the disparity alone, of which there are few (sixteenths of a pixel), so both come
+/// from a table; `‖ray‖² = 1 + u² + v²` is a sum of a term per column and one per row.
+#[derive(Debug, Clone)]
+pub struct Triangulation {
+    geometry: RectifiedGeometry,
+    disparity_sigma_px: f64,
+    /// Entry 0 is [`UNKNOWN`]; entry `1 + raw` belongs to a disparity of `raw` sixteenths.
+    table: Vec<Metres>,
+    /// `1 + u²` of each column.
+    column_term: Vec<f32>,
+}
+
+impl Triangulation {
+    /// Prepares for maps of this geometry, whose disparities have a standard deviation of `disparity_sigma_px`.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::InvalidParameter`] unless the standard deviation is finite and not negative.
+    pub fn new(geometry: &RectifiedGeometry, disparity_sigma_px: f64) -> Result<Self> {
+        check_disparity_sigma(disparity_sigma_px)?;
+        let column_term = (0..geometry.width)
+            .map(|x| {
+                let u = (x as f64 - geometry.cx_px) / geometry.focal_px;
+                (1.0 + u * u) as f32
+            })
+            .collect();
+        Ok(Self { geometry: *geometry, disparity_sigma_px, table: vec![UNKNOWN], column_term })
+    }
+
+    /// Fills `out`, keeping its memory.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::SizeMismatch`] if the map is not of the geometry's size.
+    pub fn apply(&mut self, disparity: &DisparityMap, out: &mut RangeImage) -> Result<()> {
+        let geometry = self.geometry;
+        check_size(disparity, &geometry)?;
+        self.extend_table(disparity.values.as_slice().iter().copied().max().unwrap_or(0));
+        for image in [&mut out.depth_m, &mut out.range_m, &mut out.sigma_m] {
+            image.resize(geometry.width, geometry.height);
+        }
+        out.validity.resize(geometry.width, geometry.height);
+        out.validity.as_mut_slice().copy_from_slice(disparity.validity.as_slice());
+        out.geometry = geometry;
+
+        for y in 0..geometry.height {
+            let (depth, range) = (out.depth_m.row_mut(y), out.range_m.row_mut(y));
+            let sigma = out.sigma_m.row_mut(y);
+            let raw_and_bits = disparity.values.row(y).iter().zip(disparity.validity.row(y));
+            // The look-up cannot use vectors, so it stands apart from the arithmetic, which can.
+            for ((&raw, &bits), (depth, sigma)) in raw_and_bits.zip(depth.iter_mut().zip(sigma.iter_mut())) {
+                let entry = if Validity::has_value(bits) { usize::from(raw) + 1 } else { 0 };
+                let metres = self.table[entry];
+                (*depth, *sigma) = (metres.depth, metres.sigma);
+            }
+            let v = (y as f64 - geometry.cy_px) / geometry.focal_px;
+            let row_term = (v * v) as f32;
+            let metres = depth.iter().zip(range.iter_mut()).zip(sigma.iter_mut());
+            for (((&depth, range), sigma), &column_term) in metres.zip(&self.column_term) {
+                let ray = (column_term + row_term).sqrt();
+                *range = depth * ray;
+                *sigma *= ray;
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes the table reach `largest` sixteenths of a pixel.
+    fn extend_table(&mut self, largest: u16) {
+        for raw in self.table.len() - 1..=usize::from(largest) {
+            let depth_m = self.geometry.depth_m(raw as f64 / f64::from(DisparityMap::SCALE));
+            let metres = if depth_m.is_finite() && depth_m > 0.0 {
+                let sigma_m = depth_sigma_m(&self.geometry, depth_m, self.disparity_sigma_px);
+                Metres { depth: depth_m as f32, sigma: sigma_m as f32 }
+            } else {
+                UNKNOWN
+            };
+            self.table.push(metres);
+        }
+    }
+}
+
+/// Standard deviation of a depth: `sqrt((Z²·σ_d / (f·b))² + var_calibration(Z))`, metres.
+pub(crate) fn depth_sigma_m(geometry: &RectifiedGeometry, depth_m: f64, disparity_sigma_px: f64) -> f64 {
+    let matching_m = depth_m * depth_m * disparity_sigma_px / (geometry.focal_px * geometry.baseline_m);
+    // A covariance rounded to indefiniteness must not turn the whole into NaN.
+    (matching_m * matching_m + geometry.calibration_variance.at(depth_m).max(0.0)).sqrt()
+}
+
+pub(crate) fn check_disparity_sigma(disparity_sigma_px: f64) -> Result<()> {
+    if disparity_sigma_px.is_finite() && disparity_sigma_px >= 0.0 {
+        return Ok(());
+    }
+    let value = format!("{disparity_sigma_px} px");
+    Err(Error::invalid("disparity_sigma_px", value, "must be finite and not negative"))
+}
+
+/// Fails unless map and geometry have one size.
+pub(crate) fn check_size(disparity: &DisparityMap, geometry: &RectifiedGeometry) -> Result<()> {
+    let RectifiedGeometry { width, height, .. } = *geometry;
+    if (disparity.width(), disparity.height()) == (width, height) {
+        return Ok(());
+    }
+    Err(Error::SizeMismatch {
+        first: "disparity",
+        first_width: disparity.width(),
+        first_height: disparity.height(),
+        second: "geometry",
+        second_width: width,
+        second_height: height,
+    })
+}
+
+/// Depth, range and sigma of a disparity map; [`Triangulation`] does the same for many frames of one rig.
+///
+/// # Errors
+///
+/// [`Error::SizeMismatch`] if map and geometry differ in size, [`Error::InvalidParameter`] for a `disparity_sigma_px`
+/// that is negative or not finite.
+pub fn to_range(
+    disparity: &DisparityMap,
+    geometry: &RectifiedGeometry,
+    disparity_sigma_px: f64,
+    out: &mut RangeImage,
+) -> Result<()> {
+    Triangulation::new(geometry, disparity_sigma_px)?.apply(disparity, out)
+}
