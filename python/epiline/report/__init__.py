@@ -15,7 +15,6 @@ from epiline.report.model import (
     RunReport,
     Thumbnail,
     TruthRow,
-    Verdict,
 )
 from epiline.report.recorder import FrameRecorder
 from epiline.report.render import render_html, write_report
@@ -33,7 +32,6 @@ __all__ = [
     "RunReport",
     "Thumbnail",
     "TruthRow",
-    "Verdict",
     "render_html",
     "write_report",
 ]

@@ -9,9 +9,10 @@ from markupsafe import Markup
 
 from epiline.report.charts import column_chart
 from epiline.report.figures import coverage_figure
-from epiline.report.model import CalibrationSection, RejectedView, Verdict
+from epiline.report.model import CalibrationSection, RejectedView
 from epiline.report.numbers import percent, plus_minus, quantity, relative_error, signed_percent, significant
 from epiline.report.protocols import CalibrationLike, CameraLike
+from epiline.verdict import Verdict
 
 RANGES_M = (1.0, 2.0, 4.0, 8.0)
 

@@ -16,8 +16,8 @@ from epiline.report.numbers import number, significant
 from epiline.report.protocols import Floats
 from epiline.report.svg import svg
 
-WIDTH, HEIGHT = 480.0, 214.0
-_TOP, _BOTTOM, _LEFT = 26.0, 40.0, 50.0
+WIDTH, WIDE, HEIGHT = 436.0, 900.0, 204.0
+_TOP, _BOTTOM, _LEFT = 26.0, 40.0, 56.0
 _RIGHT, _RIGHT_WITH_AXIS = 14.0, 46.0
 _CHARACTER = 6.1
 """Width of a legend character at the style sheet's 11 px, for layout."""
@@ -117,12 +117,11 @@ def limits_of(*arrays: Floats, include: Sequence[float] = (), upper_share: float
     values = np.concatenate([*finite, np.asarray(include, np.float64)])
     if values.size == 0:
         return 0.0, 1.0
-    low, high = float(values.min()), float(np.quantile(values, upper_share))
-    if include:
-        high = max(high, *include)
+    low, high = float(values.min()), float(np.quantile(values, upper_share, method="higher"))
+    high = max([high, *include])
     if not high > low:
-        return low - 0.5, low + 0.5
-    return low, high + 0.06 * (high - low)
+        return (low, low + 1.0) if include else (low - 0.5, low + 0.5)
+    return low, high + 0.1 * (high - low)
 
 
 def line_chart(
@@ -135,12 +134,13 @@ def line_chart(
     points: Sequence[Points] = (),
     second: SecondAxis | None = None,
     empty: str = "nothing to draw",
+    width: float = WIDTH,
 ) -> Markup:
     """Curves over a common pair of axes. Parts beyond the limits are cut at the frame.
 
-    `empty` is written across the plot if no curve, band or point has a finite value.
+    `width` is in units of the 11 px text. `empty` is written across the plot if nothing has a finite value.
     """
-    frame = _Frame(x, y, second)
+    frame = _Frame(x, y, second, width)
     body = []
     for band in bands:
         path = _band_path(band, frame)
@@ -253,10 +253,10 @@ def bar_chart(*, title: str, bars: Sequence[Bar], unit: str, digits: int = 2) ->
 class _Frame:
     """The plot area of a chart, and its axes around it. Plot coordinates start at its own top left corner."""
 
-    def __init__(self, x: Axis, y: Axis, second: SecondAxis | None = None) -> None:
-        self.x, self.y, self.second = x, y, second
+    def __init__(self, x: Axis, y: Axis, second: SecondAxis | None = None, chart_width: float = WIDTH) -> None:
+        self.x, self.y, self.second, self.chart_width = x, y, second, chart_width
         self.left, self.top = _LEFT, _TOP
-        self.width = WIDTH - _LEFT - (_RIGHT if second is None else _RIGHT_WITH_AXIS)
+        self.width = chart_width - _LEFT - (_RIGHT if second is None else _RIGHT_WITH_AXIS)
         self.height = HEIGHT - _TOP - _BOTTOM
 
     def across(self, values: Floats) -> Floats:
@@ -274,7 +274,7 @@ class _Frame:
             f'<svg x="{self.left:.1f}" y="{self.top:.1f}" width="{self.width:.1f}" height="{self.height:.1f}" '
             f'viewBox="0 0 {self.width:.1f} {self.height:.1f}">{body}</svg>'
         )
-        return svg(title, WIDTH, HEIGHT, self._axes() + plot + extra + self._legend(legend), "chart")
+        return svg(title, self.chart_width, HEIGHT, self._axes() + plot + extra + self._legend(legend), "chart")
 
     def _axes(self) -> str:
         left, top, right, bottom = self.left, self.top, self.left + self.width, self.top + self.height
@@ -296,7 +296,7 @@ class _Frame:
                 y = top + float(self.down(np.array([value]))[0])
                 parts.append(f'<path class="tickmark" d="M{right:.1f} {y:.1f}h4"/>')
                 parts.append(f'<text class="tick" x="{right + 7:.1f}" y="{y + 3.5:.1f}">{escape(text)}</text>')
-            parts.append(_label(self.second.label, WIDTH - 6, middle_y, turned=-90))
+            parts.append(_label(self.second.label, self.chart_width - 6, middle_y, turned=-90))
         return "".join(parts)
 
     def _legend(self, entries: Sequence[tuple[str, str]]) -> str:

@@ -1,6 +1,7 @@
 """Pictures as data URIs: JPEG for photographs, palette PNG for maps."""
 
 import base64
+import math
 import struct
 import zlib
 
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 JPEG_QUALITY = 82
 
 
-def narrowed(image: NDArray[np.uint8], max_width: int, *, interpolation: int = cv2.INTER_AREA) -> NDArray[np.uint8]:
-    """The image, made `max_width` pixels wide if it is wider, in proportion."""
+def reduced(image: NDArray[np.uint8], max_pixels: int, *, interpolation: int = cv2.INTER_AREA) -> NDArray[np.uint8]:
+    """The image, in proportion made small enough to have at most about `max_pixels` pixels."""
     height, width = image.shape[:2]
-    if width <= max_width:
+    scale = math.sqrt(max_pixels / max(1, height * width))
+    if scale >= 1.0:
         return image
-    size = (max_width, max(1, round(height * max_width / width)))
+    size = (max(1, round(scale * width)), max(1, round(scale * height)))
     return np.asarray(cv2.resize(image, size, interpolation=interpolation), np.uint8)
 
 

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from epiline._pictures import Limits, Palette, colour_palette, disparity_levels, grey_palette
 from epiline.report.charts import nice_step, nice_ticks
-from epiline.report.encode import data_uri, jpeg, narrowed, palette_png
+from epiline.report.encode import data_uri, jpeg, palette_png, reduced
 from epiline.report.numbers import number, quantity
 from epiline.report.protocols import (
     AlignmentLike,
@@ -30,6 +30,12 @@ from epiline.report.svg import svg
 
 SCAN_LINES = 9
 _SCAN_TONES = 4
+_ROUND_MANTISSAS = ((1, 2, 5), (3, 4), (1.5, 2.5, 7), (3.5, 6, 8), (1.2, 1.4, 1.6, 1.8, 2.2, 2.7, 4.5))
+"""Leading figures of depths on a scale, the roundest group first."""
+
+_CENTRE = 0.5
+"""From a pixel position, where (0, 0) is the centre of the first pixel, to the drawing's, where it is its corner."""
+
 _GAP_SHARE = 0.012
 """Gap between the two views of a pair, as a share of one width."""
 
@@ -69,26 +75,26 @@ class ScanLine:
     right: tuple[float, float] | None = None
 
 
-def photograph(key: str, image: Image, *, max_width: int) -> Picture:
+def photograph(key: str, image: Image, *, max_pixels: int) -> Picture:
     """A photograph, as JPEG."""
     height, width = image.shape[:2]
-    uri = data_uri(jpeg(narrowed(image, max_width)), "image/jpeg")
+    uri = data_uri(jpeg(reduced(image, max_pixels)), "image/jpeg")
     return Picture(key=key, uri=uri, width=width, height=height)
 
 
-def grey_map(key: str, disparity: DisparityLike, limits_px: Limits, *, max_width: int) -> Picture:
+def grey_map(key: str, disparity: DisparityLike, limits_px: Limits, *, max_pixels: int) -> Picture:
     """The disparity in grey, nearer is brighter, invalid black."""
-    return _level_map(key, disparity, limits_px, grey_palette(), max_width)
+    return _level_map(key, disparity, limits_px, grey_palette(), max_pixels)
 
 
-def colour_map(key: str, disparity: DisparityLike, limits_px: Limits, *, max_width: int) -> Picture:
+def colour_map(key: str, disparity: DisparityLike, limits_px: Limits, *, max_pixels: int) -> Picture:
     """The disparity in colour, far blue to near red, invalid dark."""
-    return _level_map(key, disparity, limits_px, colour_palette(), max_width)
+    return _level_map(key, disparity, limits_px, colour_palette(), max_pixels)
 
 
-def reason_map(key: str, disparity: DisparityLike, *, max_width: int) -> Picture:
+def reason_map(key: str, disparity: DisparityLike, *, max_pixels: int) -> Picture:
     """Unmeasured pixels in the colour of their first reason; measured ones transparent."""
-    indices = narrowed(first_reason(disparity.validity), max_width, interpolation=cv2.INTER_NEAREST)
+    indices = reduced(first_reason(disparity.validity), max_pixels, interpolation=cv2.INTER_NEAREST)
     palette = np.array([(0, 0, 0), *(reason.bgr for reason in REASONS)], np.uint8)
     alpha = np.array([0] + [255] * len(REASONS), np.uint8)
     height, width = disparity.validity.shape
@@ -109,18 +115,23 @@ def plain_figure(picture: Picture, *, title: str, under: Picture | None = None) 
 
 
 def scan_lines(alignment: AlignmentLike | None, height: int, *, count: int = SCAN_LINES) -> list[ScanLine]:
-    """Rows to draw across a pair: through matched points if there are any, else evenly spaced.
+    """Rows to draw across a pair, through matched points where there are any.
 
-    The matches are split into `count` groups by row, and each group is represented by the match whose vertical
-    residual has the median size, so that the picture is neither better nor worse than the measurement.
+    Each of `count` bands of rows is represented by the match whose vertical residual has the median size, so that
+    the picture is neither better nor worse than the measurement; a band without matches by its middle row.
     """
-    if alignment is None or len(alignment.left_px) < count:
-        return [ScanLine(y=(i + 1) * height / (count + 1)) for i in range(count)]
-    left, right = np.asarray(alignment.left_px, np.float64), np.asarray(alignment.right_px, np.float64)
+    empty = np.empty((0, 2))
+    left, right = (empty, empty) if alignment is None else (alignment.left_px, alignment.right_px)
+    left, right = (np.asarray(points, np.float64).reshape(-1, 2) for points in (left, right))
+    residual = np.abs(left[:, 1] - right[:, 1])
+    band = np.clip(np.floor(left[:, 1] * count / height), 0, count - 1)
     lines = []
-    for group in np.array_split(np.argsort(left[:, 1], kind="stable"), count):
-        residual = np.abs(left[group, 1] - right[group, 1])
-        chosen = group[np.argsort(residual, kind="stable")[(group.size - 1) // 2]]
+    for i in range(count):
+        group = np.flatnonzero(band == i)
+        if group.size == 0:
+            lines.append(ScanLine(y=(i + 0.5) * height / count))
+            continue
+        chosen = group[np.argsort(residual[group], kind="stable")[(group.size - 1) // 2]]
         (lx, ly), (rx, ry) = left[chosen].tolist(), right[chosen].tolist()
         lines.append(ScanLine(y=ly, left=(lx, ly), right=(rx, ry)))
     return lines
@@ -136,10 +147,11 @@ def pair_figure(left: Picture, right: Picture, lines: Sequence[ScanLine], *, tit
     for i, line in enumerate(lines):
         tone = f"scan s{i % _SCAN_TONES}"
         style = f"{tone} dashed" if dashed else tone
-        body.append(f'<path class="{style}" d="M0 {line.y:.1f}H{full:.1f}"/>')
+        body.append(f'<path class="{style}" d="M0 {line.y + _CENTRE:.1f}H{full:.1f}"/>')
         for point, origin in ((line.left, 0.0), (line.right, shift)):
             if point is not None:
-                body.append(f'<circle class="{tone}" cx="{origin + point[0]:.1f}" cy="{point[1]:.1f}" r="{ring:.1f}"/>')
+                x, y = origin + point[0] + _CENTRE, point[1] + _CENTRE
+                body.append(f'<circle class="{tone}" cx="{x:.1f}" cy="{y:.1f}" r="{ring:.1f}"/>')
     return _figure(title, full, max(left.height, right.height), "".join(body))
 
 
@@ -174,17 +186,17 @@ def colour_bar(limits_px: Limits, geometry: GeometryLike | None, *, grey: bool) 
 
     Colours are linear in disparity; depth is `Z = focal_px·baseline_m / (disparity + doffs)`.
     """
-    width, margin, bar_top, bar_height, height = 480.0, 22.0, 24.0, 12.0, 58.0
-    room = width - 2 * margin
+    width, left, right, bar_top, bar_height, height = 436.0, 14.0, 34.0, 24.0, 12.0, 58.0
+    room = width - left - right
     low, high = limits_px
     palette = (grey_palette() if grey else colour_palette())[1:]
     strip = palette_png(np.arange(palette.shape[0], dtype=np.uint8)[None], palette)
 
     def across(disparity: float) -> float:
-        return margin + room * (disparity - low) / (high - low)
+        return left + room * (disparity - low) / (high - low)
 
     parts = [
-        f'<image x="{margin:.1f}" y="{bar_top:.1f}" width="{room:.1f}" height="{bar_height:.1f}" '
+        f'<image x="{left:.1f}" y="{bar_top:.1f}" width="{room:.1f}" height="{bar_height:.1f}" '
         f'preserveAspectRatio="none" href="{data_uri(strip, "image/png")}"/>'
     ]
     if geometry is not None:
@@ -215,7 +227,7 @@ def coverage_figure(views_px: Sequence[Floats], image_size: tuple[int, int], *, 
     # A line of no length with round ends is a dot, at a quarter of a circle's markup.
     dots = "".join(
         f'<path class="corner c{i % 6}" stroke-width="{0.011 * width:.1f}" d="'
-        + "".join(f"M{x:.0f} {y:.0f}h0" for x, y in np.asarray(points, np.float64).reshape(-1, 2))
+        + "".join(f"M{x:.0f} {y:.0f}h0" for x, y in np.asarray(points, np.float64).reshape(-1, 2) + _CENTRE)
         + '"/>'
         for i, points in enumerate(views_px)
     )
@@ -223,9 +235,9 @@ def coverage_figure(views_px: Sequence[Floats], image_size: tuple[int, int], *, 
     return svg(title, width, height, frame + thirds + dots, "coverage")
 
 
-def _level_map(key: str, disparity: DisparityLike, limits_px: Limits, palette: Palette, max_width: int) -> Picture:
+def _level_map(key: str, disparity: DisparityLike, limits_px: Limits, palette: Palette, max_pixels: int) -> Picture:
     height, width = disparity.values.shape
-    levels = narrowed(disparity_levels(disparity.values, limits_px), max_width, interpolation=cv2.INTER_NEAREST)
+    levels = reduced(disparity_levels(disparity.values, limits_px), max_pixels, interpolation=cv2.INTER_NEAREST)
     uri = data_uri(palette_png(levels, palette), "image/png")
     return Picture(key=key, uri=uri, width=width, height=height, is_map=True)
 
@@ -234,10 +246,10 @@ def _metre_ticks(limits_px: Limits, geometry: GeometryLike) -> list[tuple[float,
     """Round depths with the disparity each lies at, far enough apart to be read; infinity where the bar reaches it."""
     low, high = limits_px
     focal_baseline = geometry.focal_px * geometry.baseline_m
-    apart = 0.075 * (high - low)
+    apart = 0.085 * (high - low)
     candidates = [(-geometry.doffs_px, "∞")] if low <= -geometry.doffs_px <= high else []
     # Rounder numbers first: they claim their place, finer ones fill what is left.
-    for mantissas in ((1, 2, 5), (3, 4), (1.5, 2.5, 7), (6, 8), (1.2, 1.4, 1.6, 1.8)):
+    for mantissas in _ROUND_MANTISSAS:
         for power in range(-2, 4):
             for mantissa in mantissas:
                 depth_m = mantissa * 10.0**power
@@ -250,7 +262,7 @@ def _metre_ticks(limits_px: Limits, geometry: GeometryLike) -> list[tuple[float,
 
 
 def _text_size(picture: Picture) -> float:
-    return max(8.0, 0.024 * picture.width)
+    return max(6.0, min(0.024 * picture.width, 0.045 * picture.height))
 
 
 def _box(style: str, x: float, y: float, width: float, height: float) -> str:
@@ -266,7 +278,8 @@ class _Labels:
         self.taken: list[tuple[float, float, float, float]] = []
 
     def put(self, text: str, style: str, x: float, y: float, width: float, height: float) -> str:
-        label_width, label_height = 0.58 * self.size * len(text) + 0.7 * self.size, 1.35 * self.size
+        text_width = 0.62 * self.size * len(text)
+        label_width, label_height = text_width + 0.7 * self.size, 1.35 * self.size
         left = min(max(x, 0.0), max(self.picture.width - label_width, 0.0))
         right = min(max(x + width - label_width, 0.0), max(self.picture.width - label_width, 0.0))
         tops = (y - label_height, y, y + height - label_height, y + height)
@@ -274,11 +287,13 @@ class _Labels:
         choices.append((left, min(max(y, 0.0), self.picture.height - label_height)))
         place = next((c for c in choices if self._free(*c, label_width, label_height)), choices[0])
         self.taken.append((*place, label_width, label_height))
+        text_x, text_y = place[0] + 0.35 * self.size, place[1] + self.size
+        # The length is stated, so that the text fits its box in whatever font the reader has.
         return (
             f'<rect class="tag {style}" x="{place[0]:.1f}" y="{place[1]:.1f}" width="{label_width:.1f}" '
             f'height="{label_height:.1f}" rx="{0.2 * self.size:.1f}"/><text class="tag {style}" '
-            f'font-size="{self.size:.1f}" x="{place[0] + 0.35 * self.size:.1f}" y="{place[1] + 1.0 * self.size:.1f}">'
-            f"{escape(text)}</text>"
+            f'style="font-size:{self.size:.1f}px" x="{text_x:.1f}" y="{text_y:.1f}" textLength="{text_width:.1f}" '
+            f'lengthAdjust="spacingAndGlyphs">{escape(text)}</text>'
         )
 
     def _free(self, x: float, y: float, width: float, height: float) -> bool:

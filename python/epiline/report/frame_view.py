@@ -11,12 +11,15 @@ from epiline._pictures import Limits, grey_level_disparity
 from epiline.report import figures
 from epiline.report.charts import Axis, Band, Line, SecondAxis, histogram, limits_of, line_chart
 from epiline.report.model import FrameSection, FrameTruth
-from epiline.report.numbers import number, percent, plus_minus, quantity, relative_error, signed_percent
+from epiline.report.numbers import ABSENT, number, percent, plus_minus, quantity, relative_error, signed_percent
 from epiline.report.protocols import AlignmentLike, Floats, GeometryLike, ObstacleLike, ProfileLike
 from epiline.report.reasons import REASONS, has_value
 from epiline.report.recorder import total_ms
 
 Facts = Sequence[tuple[str, str]]
+
+_WIDE_ASPECT = 2.2
+"""Pictures wider than this times their height stand below each other, not side by side."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +63,9 @@ class PairView:
 
     figure: Markup
     residual: str
-    measured: bool
+    spread: str
+    matches: str
+    has_rings: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +76,7 @@ class FrameView:
     index: int
     name: str
     facts: Facts
+    is_wide: bool
     definitions: Markup
     before: PairView | None
     after: PairView
@@ -92,19 +98,19 @@ class FrameView:
     has_truth: bool
 
 
-def frame_view(frame: FrameSection, *, limits_px: Limits, max_width: int) -> FrameView:
+def frame_view(frame: FrameSection, *, limits_px: Limits, max_pixels: int) -> FrameView:
     """Draws a frame. `limits_px` are those of all frames on the page, so that their pictures compare."""
     anchor = f"frame-{frame.index}"
-    left = figures.photograph(f"{anchor}-left", frame.left, max_width=max_width)
-    right = figures.photograph(f"{anchor}-right", frame.right, max_width=max_width)
-    grey = figures.grey_map(f"{anchor}-grey", frame.disparity, limits_px, max_width=max_width)
-    colour = figures.colour_map(f"{anchor}-colour", frame.disparity, limits_px, max_width=max_width)
-    reasons = figures.reason_map(f"{anchor}-reasons", frame.disparity, max_width=max_width)
+    left = figures.photograph(f"{anchor}-left", frame.left, max_pixels=max_pixels)
+    right = figures.photograph(f"{anchor}-right", frame.right, max_pixels=max_pixels)
+    grey = figures.grey_map(f"{anchor}-grey", frame.disparity, limits_px, max_pixels=max_pixels)
+    colour = figures.colour_map(f"{anchor}-colour", frame.disparity, limits_px, max_pixels=max_pixels)
+    reasons = figures.reason_map(f"{anchor}-reasons", frame.disparity, max_pixels=max_pixels)
     pictures = [left, right, grey, colour, reasons]
     before = None
     if frame.before is not None:
-        raw_left = figures.photograph(f"{anchor}-raw-left", frame.before.left, max_width=max_width)
-        raw_right = figures.photograph(f"{anchor}-raw-right", frame.before.right, max_width=max_width)
+        raw_left = figures.photograph(f"{anchor}-raw-left", frame.before.left, max_pixels=max_pixels)
+        raw_right = figures.photograph(f"{anchor}-raw-right", frame.before.right, max_pixels=max_pixels)
         pictures += [raw_left, raw_right]
         title = f"Frame {frame.index} before rectification, scan-lines across both views"
         before = _pair(raw_left, raw_right, frame.before.alignment, title=title, dashed=True)
@@ -120,6 +126,7 @@ def frame_view(frame: FrameSection, *, limits_px: Limits, max_width: int) -> Fra
         index=frame.index,
         name=frame.name,
         facts=_facts(frame, answered),
+        is_wide=left.width > _WIDE_ASPECT * left.height,
         definitions=figures.definitions(pictures),
         before=before,
         after=_pair(left, right, frame.alignment, title=after_title, dashed=False),
@@ -148,7 +155,7 @@ def _by_range(obstacle: ObstacleLike) -> float:
 
 def _facts(frame: FrameSection, answered: float) -> Facts:
     height, width = frame.left.shape[:2]
-    facts = [("size", f"{width} × {height} px"), ("with an answer", percent(answered))]
+    facts = [("size", f"{width} × {height} px"), ("valid pixels", percent(answered))]
     if frame.alignment is not None:
         facts.append(("vertical residual", quantity(abs(frame.alignment.median_px), "px")))
     facts.append(("obstacles", str(len(frame.obstacles))))
@@ -164,15 +171,13 @@ def _pair(
     left: figures.Picture, right: figures.Picture, alignment: AlignmentLike | None, *, title: str, dashed: bool
 ) -> PairView:
     lines = figures.scan_lines(alignment, left.height)
-    if alignment is None:
-        residual = "not measured"
-    else:
-        residual = (
-            f"median {quantity(abs(alignment.median_px), 'px')}, spread {quantity(alignment.spread_px, 'px')}, "
-            f"{alignment.matches} matches"
-        )
-    figure = figures.pair_figure(left, right, lines, title=title, dashed=dashed)
-    return PairView(figure=figure, residual=residual, measured=lines[0].left is not None)
+    return PairView(
+        figure=figures.pair_figure(left, right, lines, title=title, dashed=dashed),
+        residual=ABSENT if alignment is None else quantity(abs(alignment.median_px), "px"),
+        spread=ABSENT if alignment is None else quantity(alignment.spread_px, "px"),
+        matches=ABSENT if alignment is None else number(alignment.matches, 0),
+        has_rings=any(line.left is not None for line in lines),
+    )
 
 
 def _vertical_residual(alignment: AlignmentLike) -> Floats:
@@ -185,7 +190,7 @@ def _residuals(frame: FrameSection) -> Markup | None:
     if frame.before is not None and frame.before.alignment is not None:
         groups.append(("before", _vertical_residual(frame.before.alignment), "c1"))
     if frame.alignment is not None:
-        groups.append(("after", _vertical_residual(frame.alignment), "c0"))
+        groups.append(("aligned", _vertical_residual(frame.alignment), "c0"))
     sizes = [np.abs(values[np.isfinite(values)]) for _, values, _ in groups]
     if not any(size.size for size in sizes):
         return None
@@ -221,7 +226,7 @@ def _region(
         ("minimum", quantity(profile.minimum, "px")),
         ("maximum", quantity(profile.maximum, "px")),
         ("total", quantity(profile.total, "px", 0)),
-        ("pixels with an answer", percent(profile.valid_share)),
+        ("valid pixels", percent(profile.valid_share)),
     ]
     if range_truth_m is not None:
         facts[1:1] = [

@@ -6,7 +6,6 @@ Every section is optional: a calibration alone, one pair, a run of frames, or a 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Literal, TypeAlias
 
 from epiline.report.protocols import (
     AlignmentLike,
@@ -20,17 +19,7 @@ from epiline.report.protocols import (
     ProfileLike,
     RangeCurveLike,
 )
-
-Standing: TypeAlias = Literal["good", "usable", "poor"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """A judgement in one sentence, and what it rests on."""
-
-    standing: Standing
-    text: str
-    reasons: Sequence[str] = ()
+from epiline.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,7 +187,6 @@ class RunReport:
     title: str
     provenance: Provenance
     subtitle: str = ""
-    verdict: Verdict | None = None
     calibration: CalibrationSection | None = None
     frames: Sequence[FrameSection] = ()
     summaries: Sequence[FrameSummary] = ()

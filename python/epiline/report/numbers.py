@@ -9,7 +9,8 @@ def number(value: float | None, digits: int = 2) -> str:
     """The value with `digits` decimals; a dash if it is None, NaN or infinite. The minus sign is typographic."""
     if value is None or not math.isfinite(value):
         return ABSENT
-    text = f"{value:,.{digits}f}".replace(",", "\u202f")
+    # Thousands are set apart from five figures on, as usual in print.
+    text = f"{value:,.{digits}f}".replace(",", "\u202f" if abs(value) >= 10_000.0 else "")
     return text.replace("-", "−") if float(f"{value:.{digits}f}") != 0.0 else text.lstrip("-")
 
 
@@ -33,13 +34,25 @@ def quantity(value: float | None, unit: str, digits: int = 2) -> str:
 
 
 def plus_minus(value: float | None, sigma: float | None, unit: str, digits: int = 3) -> str:
-    """Value ± sigma, both to two figures of sigma; without a usable sigma, the value to `digits` decimals."""
+    """Value ± sigma, both to two figures of sigma but at most `digits` decimals; the value alone without a sigma."""
     if value is None or not math.isfinite(value):
         return ABSENT
     if sigma is None or not math.isfinite(sigma) or sigma <= 0.0:
         return quantity(value, unit, digits)
-    places = min(6, max(0, 1 - math.floor(math.log10(sigma))))
+    places = min(digits, max(0, 1 - math.floor(math.log10(sigma))))
+    sigma = max(sigma, 10.0**-places)
     return f"{number(value, places)} ±\u00a0{number(sigma, places)}\u00a0{unit}"
+
+
+def setting(value: object) -> str:
+    """A parameter's value in words."""
+    if value is None:
+        return "not set"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:g}" if math.isfinite(value) else ABSENT
+    return str(value)
 
 
 def percent(share: float | None, digits: int = 1) -> str:

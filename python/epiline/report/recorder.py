@@ -4,13 +4,13 @@ import math
 from collections.abc import Iterable
 from typing import Generic, TypeVar
 
-from epiline.report.encode import jpeg, narrowed
+from epiline.report.encode import jpeg, reduced
 from epiline.report.model import FrameSection, FrameSummary, Thumbnail
 from epiline.report.reasons import has_value
 
 MAX_FRAMES = 8
 MAX_THUMBNAILS = 48
-THUMBNAIL_WIDTH = 168
+THUMBNAIL_PIXELS = 168 * 126
 
 T = TypeVar("T")
 
@@ -18,8 +18,8 @@ T = TypeVar("T")
 class EvenSample(Generic[T]):
     """At most `maximum` items of a stream of unknown length, evenly spread, the first always among them.
 
-    Keeps every item at first; whenever there are too many, drops every other one and doubles the stride. From half
-    of `maximum` on there are always more than `maximum / 2`.
+    Keeps every item at first; whenever there are too many, drops every other one and doubles the stride. Once there
+    were `maximum` items, at least half as many are kept.
     """
 
     def __init__(self, maximum: int) -> None:
@@ -35,7 +35,7 @@ class EvenSample(Generic[T]):
 
     @property
     def takes_next(self) -> bool:
-        """Whether the next item offered will be kept, for items that cost something to make."""
+        """Whether the next item offered may be kept, for items that cost something to make."""
         return self._seen % self._stride == 0
 
     def offer(self, item: T) -> None:
@@ -97,7 +97,7 @@ def summarize(frame: FrameSection) -> FrameSummary:
 
 def thumbnail(frame: FrameSection) -> Thumbnail:
     """The left view, small."""
-    small = narrowed(frame.left, THUMBNAIL_WIDTH)
+    small = reduced(frame.left, THUMBNAIL_PIXELS)
     height, width = small.shape[:2]
     return Thumbnail(index=frame.index, jpeg=jpeg(small, quality=70), width=width, height=height)
 

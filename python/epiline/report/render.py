@@ -11,11 +11,12 @@ from epiline.report.calibration_view import calibration_view
 from epiline.report.curve_view import curve_view
 from epiline.report.frame_view import frame_view
 from epiline.report.model import FrameSummary, RunReport
+from epiline.report.numbers import setting
 from epiline.report.recorder import MAX_FRAMES, evenly_chosen, summarize
 from epiline.report.run_view import run_view
 
-_FULL_WIDTH, _RUN_WIDTH = 960, 640
-"""Widest embedded picture, px: of one or two frames, and of more."""
+_FULL_PIXELS, _RUN_PIXELS = 960 * 720, 640 * 480
+"""Largest embedded picture: of one or two frames, and of more. Keeps a page of eight frames below 8 MB."""
 
 
 def render_html(report: RunReport, *, max_frames: int = MAX_FRAMES) -> str:
@@ -37,14 +38,15 @@ def render_html(report: RunReport, *, max_frames: int = MAX_FRAMES) -> str:
     chosen = [report.frames[i] for i in evenly_chosen(len(report.frames), max_frames)]
     summaries: Sequence[FrameSummary] = report.summaries or [summarize(frame) for frame in report.frames]
     limits_px = disparity_limits(frame.disparity.values for frame in chosen)
-    max_width = _FULL_WIDTH if len(chosen) <= 2 else _RUN_WIDTH
+    max_pixels = _FULL_PIXELS if len(chosen) <= 2 else _RUN_PIXELS
     page = _environment().get_template("report.html.j2")
     return page.render(
         report=report,
         started=report.provenance.started.isoformat(sep=" ", timespec="seconds"),
         run=run_view(report, chosen, summaries),
         calibration=None if report.calibration is None else calibration_view(report.calibration),
-        frames=[frame_view(frame, limits_px=limits_px, max_width=max_width) for frame in chosen],
+        frames=[frame_view(frame, limits_px=limits_px, max_pixels=max_pixels) for frame in chosen],
+        parameters=[(name, setting(value)) for name, value in report.parameters.items()],
         curve=None if report.range_curve is None else curve_view(report.range_curve),
     )
 

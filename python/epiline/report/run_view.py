@@ -3,15 +3,15 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from markupsafe import Markup
 
 from epiline.report.calibration_view import baseline_sigma_m
-from epiline.report.charts import Axis, Bar, Line, bar_chart, limits_of, line_chart
+from epiline.report.charts import WIDE, Axis, Bar, Line, bar_chart, limits_of, line_chart
 from epiline.report.encode import data_uri
-from epiline.report.model import FrameSection, FrameSummary, RunReport, Standing
+from epiline.report.model import FrameSection, FrameSummary, RunReport
 from epiline.report.numbers import number, percent, plus_minus, quantity, relative_error, signed_percent
 from epiline.report.protocols import Floats
 from epiline.report.recorder import evenly_chosen
@@ -19,7 +19,9 @@ from epiline.report.recorder import evenly_chosen
 MAX_ROWS = 500
 """Rows of the table of frames; a longer run shows frames evenly spread."""
 
-_MAX_LINES = 6
+Standing: TypeAlias = Literal["", "good", "usable", "poor"]
+
+_TONES = ("c0", "c1", "c2", "c4", "c5", "c3")
 _GOOD_ALIGNMENT_PX, _USABLE_ALIGNMENT_PX = 0.5, 1.0
 
 
@@ -30,7 +32,7 @@ class Tile:
     label: str
     value: str
     note: str = ""
-    standing: Standing | Literal[""] = ""
+    standing: Standing = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +137,7 @@ def _tiles(report: RunReport, figured: int, summaries: Sequence[FrameSummary], t
         tiles.append(_alignment_tile(summaries))
         shares = [summary.valid_share for summary in summaries]
         note = f"lowest {percent(min(shares))}" if len(shares) > 1 else "of all pixels"
-        tiles.append(Tile(label="with an answer", value=percent(_median(shares)), note=note))
+        tiles.append(Tile(label="valid pixels", value=percent(_median(shares)), note=note))
         if math.isfinite(total):
             note = f"{quantity(total, 'ms', 1)} a frame"
             tiles.append(Tile(label="rate", value=quantity(_rate(total), "/s", 1), note=note))
@@ -236,11 +238,11 @@ def _trend(summaries: Sequence[FrameSummary], names: Sequence[str]) -> Markup | 
         return None
     x = np.array([summary.index for summary in summaries], np.float64)
     lines, shown = [], []
-    for i, name in enumerate(names[:_MAX_LINES]):
+    for name, tone in zip(names, _TONES, strict=False):
         y = _column([summary.region_range_m.get(name) for summary in summaries])
-        lines.append(Line(name=name, x=x, y=y, tone=f"c{i}", keep="min"))
+        lines.append(Line(name=name, x=x, y=y, tone=tone, keep="min"))
         shown.append(y)
-    truths = [_column([summary.region_truth_m.get(name) for summary in summaries]) for name in names[:_MAX_LINES]]
+    truths = [_column([summary.region_truth_m.get(name) for summary in summaries]) for name in names[: len(_TONES)]]
     lines += [Line(name="truth", x=x, y=y, tone="truth", keep="min") for y in truths if np.isfinite(y).any()]
     return line_chart(
         title="Nearest range of each region over the run",
@@ -248,6 +250,7 @@ def _trend(summaries: Sequence[FrameSummary], names: Sequence[str]) -> Markup | 
         y=Axis(label="nearest range, m", limits=limits_of(*shown, include=(0.0,), upper_share=0.98)),
         lines=lines,
         empty="no region had support in any frame",
+        width=WIDE,
     )
 
 
