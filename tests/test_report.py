@@ -39,7 +39,6 @@ from epiline.report import (
 )
 from epiline.report.calibration_view import baseline_sigma_m
 from epiline.report.recorder import EvenSample, evenly_chosen, summarize
-from epiline.verdict import Verdict
 
 NAN = math.nan
 WIDTH, HEIGHT = 96, 64
@@ -112,6 +111,12 @@ class Alignment:
 @dataclass
 class Camera:
     camera_matrix: NDArray[np.float64] = field(default_factory=lambda: np.diag([500.0, 501.0, 1.0]))
+
+
+@dataclass
+class Verdict:
+    grade: str
+    reasons: Sequence[str] = ()
 
 
 @dataclass
@@ -535,7 +540,7 @@ def test_a_failed_write_leaves_the_old_report(tmp_path: Path, monkeypatch: pytes
 def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for path in (tmp_path / "absent" / "report.html", tmp_path / "file" / "report.html", tmp_path):
-        with pytest.raises(OSError, match="cannot write the report") as caught:
+        with pytest.raises(OSError, match="cannot be written") as caught:
             write_report(report_of(), path)
         assert str(path) in str(caught.value)
 
@@ -782,7 +787,10 @@ def test_evenly_chosen_spans_the_whole() -> None:
 
 def test_recorder_keeps_few_frames_and_all_figures() -> None:
     recorder = FrameRecorder(maximum=4)
-    recorder.extend(frame_of(i) for i in range(30))
+    for i in range(30):
+        before, wanted = [frame.index for frame in recorder.frames], recorder.takes_next
+        recorder.add(frame_of(i))
+        assert wanted or [frame.index for frame in recorder.frames] == before
     assert [frame.index for frame in recorder.frames] == [0, 8, 16, 24]
     assert [summary.index for summary in recorder.summaries] == list(range(30))
     assert len(recorder.thumbnails) == 30

@@ -11,8 +11,7 @@ from epiline.report.charts import column_chart
 from epiline.report.figures import coverage_figure
 from epiline.report.model import CalibrationSection, RejectedView
 from epiline.report.numbers import percent, plus_minus, quantity, relative_error, signed_percent, significant
-from epiline.report.protocols import CalibrationLike, CameraLike
-from epiline.verdict import Verdict
+from epiline.report.protocols import CalibrationLike, CameraLike, VerdictLike
 
 RANGES_M = (1.0, 2.0, 4.0, 8.0)
 
@@ -31,7 +30,7 @@ class TruthView:
 class CalibrationView:
     """Everything the template shows of a calibration."""
 
-    verdict: Verdict | None
+    verdict: VerdictLike | None
     facts: Sequence[tuple[str, str]]
     range_sigma: Sequence[tuple[str, str, str]]
     residuals: Markup | None

@@ -18,8 +18,8 @@ from epiline.report.protocols import (
     ObstacleLike,
     ProfileLike,
     RangeCurveLike,
+    VerdictLike,
 )
-from epiline.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,7 @@ class CalibrationSection:
     right_px: Sequence[Floats] = ()
     rejected: Sequence[RejectedView] = ()
     truth: Sequence[TruthRow] = ()
-    verdict: Verdict | None = None
+    verdict: VerdictLike | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -55,6 +55,15 @@ class CalibrationLike(Protocol):
     def range_sigma(self, z_m: float) -> float: ...
 
 
+class VerdictLike(Protocol):
+    """`epiline.verdict.Verdict`: `grade` is "good", "usable" or anything worse, in words."""
+
+    @property
+    def grade(self) -> str: ...
+    @property
+    def reasons(self) -> Sequence[str]: ...
+
+
 class GeometryLike(Protocol):
     """`epiline.RectifiedGeometry`."""
 

@@ -135,6 +135,11 @@ class FrameRecorder:
         else:
             self._thumbnails.skip()
 
+    @property
+    def takes_next(self) -> bool:
+        """Whether the next frame may get its figures: what only figures need can be left out of the others."""
+        return self._sample.takes_next if self._chosen is None else len(self._summaries) in self._chosen
+
     def extend(self, frames: Iterable[FrameSection]) -> None:
         """Several frames."""
         for frame in frames:

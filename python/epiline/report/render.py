@@ -6,6 +6,7 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from epiline._files import write_atomically
 from epiline._pictures import disparity_limits
 from epiline.report.calibration_view import calibration_view
 from epiline.report.curve_view import curve_view
@@ -64,14 +65,7 @@ def write_report(report: RunReport, path: str | os.PathLike[str], *, max_frames:
     target = Path(path)
     # File names may hold bytes that are no UTF-8; they show as question marks.
     content = render_html(report, max_frames=max_frames).encode("utf-8", "replace")
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, target)
-    except OSError as error:
-        temporary.unlink(missing_ok=True) if temporary.parent.is_dir() else None
-        reason = error.strerror or str(error)
-        raise type(error)(error.errno, f"cannot write the report: {reason}", str(target)) from error
+    write_atomically(target, content)
     return target
 
 
