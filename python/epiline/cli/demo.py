@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from epiline._core import FrameResult, Pipeline, RectifiedGeometry, StereoCalibration, fit_range_curve
+from epiline._core import FrameResult, Pipeline, StereoCalibration, alignment_error, fit_range_curve
 from epiline._operations import calibrate
 from epiline.cli.arguments import add_matcher_arguments, matcher_from, whole
 from epiline.cli.console import print_json, print_table, progress, say
@@ -20,7 +19,7 @@ from epiline.targets.boards import Chessboard
 from epiline.verdict import judge
 
 if TYPE_CHECKING:
-    from epiline.report import FrameTruth, TruthRow
+    from epiline.report import FrameTruth, RangeCurveSection, TruthRow
     from epiline.sources.rendered import RenderedFrame, RenderedRig, ViewTruth
     from epiline.targets import Observations
 
@@ -28,6 +27,8 @@ _BOARD = Chessboard(columns=9, rows=6, square_m=0.04)
 # What the demo promises of each region's nearest range: (up to metres, share of the truth).
 _PROMISES = ((4.0, 0.02), (8.0, 0.05))
 _SUPPORT_PX = 40
+# Four constants and one to spare.
+_CURVE_POINTS = 5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -263,7 +264,7 @@ def _write_report(
     drive: _Drive,
 ) -> None:
     from epiline.cli.reporting import calibration_section, provenance
-    from epiline.report import FrameSection, RangeCurveSection, RawPair, RunReport, write_report
+    from epiline.report import FrameSection, RawPair, RunReport, write_report
 
     section = calibration_section(calibration, observations, judge(calibration), tuple(rows))
     frames = [
@@ -271,7 +272,11 @@ def _write_report(
             seen.result,
             index=seen.frame.seq,
             name=seen.frame.name,
-            before=RawPair(left=seen.frame.left, right=seen.frame.right),
+            before=RawPair(
+                left=seen.frame.left,
+                right=seen.frame.right,
+                alignment=alignment_error(seen.frame.left, seen.frame.right),
+            ),
             truth=seen.truth,
         )
         for seen in drive.seen
@@ -282,14 +287,17 @@ def _write_report(
         provenance=provenance(),
         calibration=section,
         frames=frames,
-        range_curve=_curve_section(drive, RangeCurveSection),
+        range_curve=_curve_section(drive),
     )
     write_report(report, path)
 
 
-def _curve_section(drive: _Drive, section: type) -> object:
+def _curve_section(drive: _Drive) -> RangeCurveSection | None:
+    from epiline.report import RangeCurveSection
+
     disparity_px, distance_m = np.array(drive.disparity_px), np.array(drive.distance_m)
-    if len(disparity_px) < 5:
+    if len(disparity_px) < _CURVE_POINTS:
         return None
     curve = fit_range_curve(disparity_px, distance_m)
-    return section(curve=curve, disparity_px=disparity_px, distance_m=distance_m, source="nearest surface of every region")
+    source = "nearest surface of every region"
+    return RangeCurveSection(curve=curve, disparity_px=disparity_px, distance_m=distance_m, source=source)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import sys
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,14 +23,10 @@ from epiline.report import (
     TruthRow,
     write_report,
 )
-from epiline.report import Verdict as Judgement
 
 if TYPE_CHECKING:
     from epiline.targets import Observations
     from epiline.verdict import Verdict
-
-_STANDING = {"good": "good", "usable": "usable", "do not use": "poor"}
-
 
 def provenance() -> Provenance:
     """What was run, when and where."""
@@ -60,7 +57,7 @@ def calibration_section(
             RejectedView(name=f"{v.name_left} / {v.name_right}", reason=v.reason) for v in observations.rejected
         ],
         truth=truth,
-        verdict=Judgement(standing=_STANDING[verdict.grade], text=verdict.grade, reasons=verdict.reasons),
+        verdict=verdict,
     )
 
 
@@ -72,8 +69,8 @@ def write_calibration_report(
     write_report(RunReport(title="Calibration", provenance=provenance(), calibration=section), path)
 
 
-def write_run_report(path: Path, frames: FrameRecorder, rig: object) -> None:
-    """A page about a run, with its rig if that carries uncertainty."""
+def write_run_report(path: Path, frames: FrameRecorder, rig: object, parameters: Mapping[str, object]) -> None:
+    """A page about a run, with its rig if that is one that can be calibrated."""
     section = CalibrationSection(calibration=rig) if isinstance(rig, StereoCalibration) else None
     report = RunReport(
         title="Run",
@@ -82,6 +79,7 @@ def write_run_report(path: Path, frames: FrameRecorder, rig: object) -> None:
         frames=frames.frames,
         summaries=frames.summaries,
         thumbnails=frames.thumbnails,
+        parameters=parameters,
     )
     write_report(report, path)
 

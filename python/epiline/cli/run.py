@@ -8,13 +8,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from epiline._core import FrameResult, Pipeline, StereoMatcher
+from epiline._core import FrameResult, Pipeline, StereoCalibration, StereoMatcher, alignment_error
 from epiline.cli.arguments import add_matcher_arguments, load_rig, matcher_from, positive, whole
 from epiline.cli.configuration import Configuration, read_configuration
 from epiline.cli.console import print_table, progress, say
 
 if TYPE_CHECKING:
-    from epiline.sources import Frame, Source
+    from epiline.sources import Frame
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,11 +38,11 @@ def run(args: argparse.Namespace) -> None:
     to_stdout = args.jsonl == "-"
     with ExitStack() as stack:
         source = stack.enter_context(open_source(args.source))
+        length = source.length if args.limit is None else min(args.limit, source.length or args.limit)
         pipeline = make_pipeline(args, config, rig, source.size)
         sink = _open_sink(args.jsonl, stack)
-        recorder = _Recorder(args.report, source, rig) if args.report else None
+        recorder = _Recorder(args.report, length, rig, pipeline) if args.report else None
         rows: list[tuple[object, ...]] = []
-        length = source.length if args.limit is None else min(args.limit, source.length or args.limit)
         advance = stack.enter_context(progress("running", length))
         for count, frame in enumerate(source, start=1):
             result = pipeline.process(frame.left, frame.right)
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
         bands = [region.name for region in pipeline.regions]
         print_table("", ("frame", "dy px", "valid %", *(f"{b} m" for b in bands), "obstacles", "nearest", "ms"), rows)
     if recorder:
-        recorder.write(args.report)
+        recorder.write()
         if not to_stdout:
             say(f"wrote {args.report}")
 
@@ -104,24 +104,25 @@ def _row(frame: Frame, result: FrameResult) -> tuple[object, ...]:
 class _Recorder:
     """Keeps of the run what its report shows."""
 
-    def __init__(self, path: Path, source: Source, rig: object) -> None:
+    def __init__(self, path: Path, expected: int | None, rig: object, pipeline: Pipeline) -> None:
         from epiline.report import FrameRecorder
 
-        self._frames = FrameRecorder(expected=None)
-        self._rig = rig
         if not path.resolve().parent.is_dir():
             raise FileNotFoundError(2, "the folder of the report does not exist", str(path.parent))
+        self._path, self._rig, self._pipeline = path, rig, pipeline
+        self._frames = FrameRecorder(expected=expected)
 
     def add(self, frame: Frame, result: FrameResult) -> None:
         from epiline.report import FrameSection, RawPair
 
-        self._frames.add(
-            FrameSection.from_result(
-                result, index=frame.seq, name=frame.name, before=RawPair(left=frame.left, right=frame.right)
-            )
-        )
+        before = None
+        # Pairs that came aligned have no picture of before; only frames that get figures pay for its residual.
+        if isinstance(self._rig, StereoCalibration) and self._frames.takes_next:
+            residual = alignment_error(frame.left, frame.right)
+            before = RawPair(left=frame.left, right=frame.right, alignment=residual)
+        self._frames.add(FrameSection.from_result(result, index=frame.seq, name=frame.name, before=before))
 
-    def write(self, path: Path) -> None:
+    def write(self) -> None:
         from epiline.cli.reporting import write_run_report
 
-        write_run_report(path, self._frames, self._rig)
+        write_run_report(self._path, self._frames, self._rig, self._pipeline.matcher_parameters)
