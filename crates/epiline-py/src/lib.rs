@@ -2,11 +2,15 @@
 
 use pyo3::prelude::*;
 
+mod calibration;
+mod camera;
 mod convert;
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("Error", module.py().get_type::<convert::exception::Error>())?;
+    camera::register(module)?;
+    calibration::register(module)?;
     Ok(())
 }

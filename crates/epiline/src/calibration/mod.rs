@@ -15,8 +15,6 @@ pub mod tsai;
 
 pub use bundle::calibrate;
 
-use crate::camera::StereoCalibration;
-
 /// One board as both cameras saw it: entry `i` of each list is one corner.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoardView {

@@ -22,7 +22,9 @@ pub(super) fn homographies<'a>(
         .enumerate()
         .map(|(v, (board_m, pixels))| {
             homography::fit(board_m, pixels).ok_or_else(|| {
-                let reason = format!("the {camera} corners of view {v} lie on a line or a point; a board must be spread out");
+                let reason = format!(
+                    "the {camera} corners of view {v} lie on a line or a point; a board must be spread out"
+                );
                 Error::degenerate("calibration", reason)
             })
         })
@@ -62,7 +64,10 @@ pub(super) fn camera<'a>(
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, start)| start)
         .ok_or_else(|| {
-            Error::degenerate("calibration", "no camera in front of the boards explains the corners".to_owned())
+            Error::degenerate(
+                "calibration",
+                "no camera in front of the boards explains the corners".to_owned(),
+            )
         })
 }
 
@@ -87,26 +92,40 @@ fn reprojection_error<'a>(
 
 /// The pose between the cameras that is closest to what all views say: their medoid.
 ///
-/// A few views with a mis-found grid cannot move it, as they would a mean.
-pub(super) fn right_from_left(left_from_board: &[Pose], right_from_board: &[Pose]) -> Pose {
+/// A few views with a mis-found grid cannot move it, as they would a mean; such a view is named instead.
+pub(super) fn right_from_left(left_from_board: &[Pose], right_from_board: &[Pose]) -> Result<Pose> {
+    // Poses of single views are a few degrees off at worst; a grid read from another end is 90 or 180 off.
+    const LARGEST_TURN: f64 = 0.6;
     let poses: Vec<Pose> =
         left_from_board.iter().zip(right_from_board).map(|(l, r)| r.after(&l.inverse())).collect();
+    let medoid = medoid(&poses);
+    for (view, pose) in poses.iter().enumerate() {
+        let turn = pose.after(&medoid.inverse()).angle_rad();
+        if turn > LARGEST_TURN {
+            let degrees = turn.to_degrees();
+            let reason = format!(
+                "in view {view} (counting from 0) the board turns by {degrees:.0} degrees between the cameras compared \
+                 with the other views; its corners are mis-found or listed from the other end of the board in one camera"
+            );
+            return Err(Error::degenerate("calibration", reason));
+        }
+    }
+    Ok(medoid)
+}
+
+fn medoid(poses: &[Pose]) -> Pose {
     let mut lengths: Vec<f64> = poses.iter().map(|p| p.translation_m.norm()).collect();
     lengths.sort_by(f64::total_cmp);
     let length = lengths[lengths.len() / 2].max(f64::MIN_POSITIVE);
     // Chordal distance of the rotations, and of the translations in units of the baseline; capped per pair, so
     // that a wild view counts as wild and no more.
     let disagreement = |a: &Pose, b: &Pose| {
-        let distance =
-            (a.rotation - b.rotation).norm() + (a.translation_m - b.translation_m).norm() / length;
+        let distance = (a.rotation - b.rotation).norm() + (a.translation_m - b.translation_m).norm() / length;
         distance.min(1.0)
     };
     let total = |a: &Pose| poses.iter().map(|b| disagreement(a, b)).sum::<f64>();
-    poses
-        .iter()
-        .map(|pose| (total(pose), pose))
-        .min_by(|a, b| a.0.total_cmp(&b.0))
-        .map_or_else(|| unreachable!("views were counted before"), |(_, pose)| *pose)
+    let best = poses.iter().map(|pose| (total(pose), pose)).min_by(|a, b| a.0.total_cmp(&b.0));
+    *best.expect("views were counted before").1
 }
 
 #[cfg(test)]
@@ -115,17 +134,29 @@ mod tests {
 
     use super::*;
 
-    #[test]
-    fn a_minority_of_flipped_views_does_not_move_the_start() {
-        let pose = |angle: f64, x: f64| Pose {
-            rotation: Rotation3::from_scaled_axis(Vector3::new(0.01, angle, 0.0)).into_inner(),
+    fn pose(angle: f64, x: f64) -> Pose {
+        Pose {
+            rotation: Rotation3::from_scaled_axis(Vector3::new(0.01, 0.0, angle)).into_inner(),
             translation_m: Vector3::new(x, 0.0, 0.0),
-        };
+        }
+    }
+
+    #[test]
+    fn a_minority_of_wild_views_does_not_move_the_start() {
         let left = vec![pose(0.0, 0.0); 7];
         let mut right: Vec<_> = (0..7).map(|i| pose(0.02 + 1e-4 * f64::from(i), -0.12)).collect();
-        right[1] = pose(3.1, 0.9);
-        right[4] = pose(-3.1, 0.8);
-        let found = right_from_left(&left, &right);
+        right[1] = pose(0.3, 0.9);
+        right[4] = pose(-0.2, 0.8);
+        let found = right_from_left(&left, &right).expect("five views agree");
         assert!((found.translation_m.x + 0.12).abs() < 0.01, "{found:?}");
+    }
+
+    #[test]
+    fn a_view_read_from_the_other_end_is_named() {
+        let left = vec![pose(0.0, 0.0); 5];
+        let mut right = vec![pose(0.02, -0.12); 5];
+        right[3] = pose(std::f64::consts::PI, -0.1);
+        let message = right_from_left(&left, &right).expect_err("one view is turned").to_string();
+        assert!(message.contains("view 3") && message.contains("other end"), "{message}");
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{SVector, Vector2, Vector3};
 
-use super::calibration::{AlignedFrame, DepthVariance, Parameter, Pose, StereoCalibration};
+use super::calibration::{AlignedFrame, DepthVariance, Parameter, StereoCalibration};
 use super::model::{CameraModel, Distortion};
 
 /// One number per parameter.
@@ -63,7 +63,11 @@ impl StereoCalibration {
     /// `aᵀ C b`.
     fn covariance_of(&self, a: &Gradient, b: &Gradient) -> Option<f64> {
         let covariance = self.covariance.as_ref()?;
-        Some((0..Parameter::COUNT).map(|i| a[i] * (0..Parameter::COUNT).map(|j| covariance[(i, j)] * b[j]).sum::<f64>()).sum())
+        Some(
+            (0..Parameter::COUNT)
+                .map(|i| a[i] * (0..Parameter::COUNT).map(|j| covariance[(i, j)] * b[j]).sum::<f64>())
+                .sum(),
+        )
     }
 
     fn depth_gradients(&self) -> Option<DepthGradients> {
@@ -154,6 +158,8 @@ fn step_of(parameter: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use nalgebra::{DMatrix, Rotation3};
+
+    use crate::camera::Pose;
 
     use super::*;
 

@@ -49,13 +49,20 @@ pub fn read(path: impl AsRef<Path>) -> Result<KittiProjection> {
     };
     let (focal_px, baseline_m) = (left[0], (left[3] - right[3]) / left[0]);
     if focal_px <= 0.0 {
-        return Err(file_error(path, "P1_roi", format!("has a focal length of {focal_px} px; must be positive")));
+        return Err(file_error(
+            path,
+            "P1_roi",
+            format!("has a focal length of {focal_px} px; must be positive"),
+        ));
     }
     // One focal length, one row, no shift but along the row: otherwise the pictures are not aligned.
     let aligned = [(0, 5), (5, 5), (6, 6), (7, 7)];
     for (a, b) in aligned {
         if (left[a] - right[b]).abs() > 1e-3 {
-            let reason = format!("disagrees with P1_roi: {} against {}; the pictures are not aligned", right[b], left[a]);
+            let reason = format!(
+                "disagrees with P1_roi: {} against {}; the pictures are not aligned",
+                right[b], left[a]
+            );
             return Err(file_error(path, "P2_roi", reason));
         }
     }
@@ -86,11 +93,10 @@ fn numbers<const N: usize>(path: &Path, text: &str, name: &str) -> Result<[f64; 
     }
     let mut values = [0.0; N];
     for (value, word) in values.iter_mut().zip(words) {
-        *value = word
-            .parse()
-            .ok()
-            .filter(|v: &f64| v.is_finite())
-            .ok_or_else(|| file_error(path, name, format!("holds '{word}', which is not a finite number")))?;
+        *value =
+            word.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
+                file_error(path, name, format!("holds '{word}', which is not a finite number"))
+            })?;
     }
     Ok(values)
 }

@@ -29,7 +29,11 @@ fn read_text(path: &Path) -> Result<String> {
     let mut bytes = Vec::new();
     file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|e| io_error(path, e))?;
     if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(file_error(path, "file", format!("is larger than {} MiB; no rig is", MAX_FILE_BYTES >> 20)));
+        return Err(file_error(
+            path,
+            "file",
+            format!("is larger than {} MiB; no rig is", MAX_FILE_BYTES >> 20),
+        ));
     }
     String::from_utf8(bytes).map_err(|e| {
         let offset = e.utf8_error().valid_up_to();
@@ -39,10 +43,7 @@ fn read_text(path: &Path) -> Result<String> {
 
 /// Writes a file so that its name never stands for half of it: a temporary name, then a rename.
 fn write_atomically(path: &Path, text: &str) -> Result<()> {
-    let name = path
-        .file_name()
-        .ok_or_else(|| io_error(path, "is not a file name"))?
-        .to_string_lossy();
+    let name = path.file_name().ok_or_else(|| io_error(path, "is not a file name"))?.to_string_lossy();
     let temporary = path.with_file_name(format!(".{name}.{}.tmp", std::process::id()));
     let write = || {
         let mut file = File::create(&temporary)?;

@@ -148,7 +148,9 @@ impl StereoCalibration {
         }
         let version = root.get("version")?;
         if version.count(usize::MAX >> 12)? != VERSION {
-            return Err(version.error(format!("must be {VERSION}; a newer epiline may have written this file")));
+            return Err(
+                version.error(format!("must be {VERSION}; a newer epiline may have written this file"))
+            );
         }
         let rig = Self {
             left: camera(&root.get("left")?)?,

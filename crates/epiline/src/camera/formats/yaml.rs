@@ -192,7 +192,10 @@ impl<'a> Entry<'a> {
     pub fn list(&self) -> Result<impl ExactSizeIterator<Item = Self> + use<'a>> {
         let Node::List(values) = self.node else { return Err(self.expected("a list")) };
         let parent = self.clone();
-        Ok(values.iter().enumerate().map(move |(i, node)| parent.child(format!("{}[{i}]", parent.name), node)))
+        Ok(values
+            .iter()
+            .enumerate()
+            .map(move |(i, node)| parent.child(format!("{}[{i}]", parent.name), node)))
     }
 
     /// Exactly `N` numbers.

@@ -1,0 +1,410 @@
+//! Cameras, the calibrated pair, rig files.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use epiline::camera::{
+    CameraModel, Distortion, Parameter, Pose, StereoCalibration, ViewResidual, formats::kitti,
+};
+use nalgebra::{Matrix3, Vector2, Vector3};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::convert::{OrRaise, rows_of, vector_of};
+
+/// Adds this file's classes and functions to the module.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PyCameraModel>()?;
+    module.add_class::<PyViewResidual>()?;
+    module.add_class::<PyStereoCalibration>()?;
+    module.add_function(wrap_pyfunction!(read_kitti_projection, module)?)
+}
+
+/// A `(rows, N)` array of rows.
+fn rows_array<'py, const N: usize>(
+    py: Python<'py>,
+    rows: impl IntoIterator<Item = [f64; N]>,
+) -> Bound<'py, PyArray2<f64>> {
+    let flat: Vec<f64> = rows.into_iter().flatten().collect();
+    let count = flat.len() / N;
+    PyArray1::from_vec(py, flat).reshape([count, N]).expect("rows of N numbers")
+}
+
+/// A `(3, 3)` array.
+pub fn matrix_array<'py>(py: Python<'py>, matrix: &Matrix3<f64>) -> Bound<'py, PyArray2<f64>> {
+    rows_array(py, matrix.row_iter().map(|row| [row[0], row[1], row[2]]))
+}
+
+/// A `(3,)` array.
+pub fn vector_array<'py>(py: Python<'py>, vector: &Vector3<f64>) -> Bound<'py, PyArray1<f64>> {
+    PyArray1::from_slice(py, vector.as_slice())
+}
+
+fn matrix_of(name: &str, object: &Bound<'_, PyAny>) -> PyResult<Matrix3<f64>> {
+    let rows = rows_of::<3>(name, object)?;
+    if rows.len() != 3 {
+        let given = rows.len();
+        return Err(PyValueError::new_err(format!("{name}: expected shape (3, 3), got ({given}, 3)")));
+    }
+    Ok(Matrix3::from_fn(|r, c| rows[r][c]))
+}
+
+/// One camera: pinhole with Brown–Conrady distortion and an image size.
+///
+/// Parameters
+/// ----------
+/// camera_matrix : (3, 3) array_like
+///     ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``, pixels; skew must be zero.
+/// distortion : (4,) or (5,) array_like
+///     k1, k2, p1, p2[, k3], OpenCV's order.
+/// width, height : int
+///     Image size, pixels.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A number is not finite, a focal length not positive, or an array has another shape.
+#[pyclass(frozen, eq, module = "epiline", name = "CameraModel")]
+#[derive(Clone, Copy, PartialEq)]
+pub struct PyCameraModel(pub CameraModel);
+
+#[pymethods]
+impl PyCameraModel {
+    #[new]
+    #[pyo3(signature = (camera_matrix, distortion, *, width, height))]
+    fn new(
+        camera_matrix: &Bound<'_, PyAny>,
+        distortion: &Bound<'_, PyAny>,
+        width: usize,
+        height: usize,
+    ) -> PyResult<Self> {
+        let k = matrix_of("camera_matrix", camera_matrix)?;
+        let pinhole = Matrix3::new(k.m11, 0.0, k.m13, 0.0, k.m22, k.m23, 0.0, 0.0, 1.0);
+        // NaN is not equal to itself: it is named below.
+        if k.iter().all(|v| v.is_finite()) && k != pinhole {
+            let expected = "camera_matrix: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]";
+            return Err(PyValueError::new_err(format!("{expected}, got {:?}", k.transpose().as_slice())));
+        }
+        let coefficients = vector_of("distortion", distortion)?;
+        let distortion = match coefficients[..] {
+            [k1, k2, p1, p2] => Distortion { k1, k2, p1, p2, k3: 0.0 },
+            [k1, k2, p1, p2, k3] => Distortion { k1, k2, p1, p2, k3 },
+            _ => {
+                let count = coefficients.len();
+                return Err(PyValueError::new_err(format!(
+                    "distortion: expected 4 or 5 coefficients (k1, k2, p1, p2[, k3]), got {count}"
+                )));
+            }
+        };
+        let model =
+            CameraModel { focal_px: [k.m11, k.m22], center_px: [k.m13, k.m23], distortion, width, height };
+        model.validate().or_raise()?;
+        Ok(Self(model))
+    }
+
+    /// (3, 3) float64: focal lengths and principal point, pixels.
+    #[getter]
+    fn camera_matrix<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let ([fx, fy], [cx, cy]) = (self.0.focal_px, self.0.center_px);
+        rows_array(py, [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    }
+
+    /// (5,) float64: k1, k2, p1, p2, k3.
+    #[getter]
+    fn distortion<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.0.distortion.to_array())
+    }
+
+    /// Image width, pixels.
+    #[getter]
+    fn width(&self) -> usize {
+        self.0.width
+    }
+
+    /// Image height, pixels.
+    #[getter]
+    fn height(&self) -> usize {
+        self.0.height
+    }
+
+    /// Where points of the camera's frame appear.
+    ///
+    /// Parameters
+    /// ----------
+    /// points_m : (N, 3) array_like
+    ///     Metres; z forward, x right, y down.
+    ///
+    /// Returns
+    /// -------
+    /// (N, 2) float64
+    ///     Pixels; NaN for a point behind the camera.
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        points_m: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let points = rows_of::<3>("points_m", points_m)?;
+        let nowhere = Vector2::repeat(f64::NAN);
+        let see = |p: [f64; 3]| self.0.project(Vector3::from(p)).unwrap_or(nowhere).into();
+        Ok(rows_array::<2>(py, points.into_iter().map(see)))
+    }
+
+    /// Where a lens without distortion and the same camera matrix would have seen pixels.
+    ///
+    /// Parameters
+    /// ----------
+    /// pixels : (N, 2) array_like
+    ///     Positions in the photograph.
+    ///
+    /// Returns
+    /// -------
+    /// (N, 2) float64
+    ///     Pixels; NaN where the distortion has no inverse.
+    fn undistort<'py>(
+        &self,
+        py: Python<'py>,
+        pixels: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let pixels = rows_of::<2>("pixels", pixels)?;
+        let ideal = CameraModel { distortion: Distortion::default(), ..self.0 };
+        let straighten = |pixel: [f64; 2]| -> [f64; 2] {
+            let direction = self.0.normalised_from_pixel(Vector2::from(pixel));
+            direction.map_or([f64::NAN; 2], |d| ideal.pixel_from_normalised(d).into())
+        };
+        Ok(rows_array(py, pixels.into_iter().map(straighten)))
+    }
+
+    fn __repr__(&self) -> String {
+        let CameraModel { focal_px: [fx, fy], center_px: [cx, cy], width, height, .. } = self.0;
+        format!("CameraModel({width}x{height}, fx={fx:.2}, fy={fy:.2}, cx={cx:.2}, cy={cy:.2})")
+    }
+}
+
+/// How well one pair of photographs agrees with the calibration.
+#[pyclass(frozen, eq, module = "epiline", name = "ViewResidual")]
+#[derive(Clone, Copy, PartialEq)]
+pub struct PyViewResidual(ViewResidual);
+
+#[pymethods]
+impl PyViewResidual {
+    /// Root mean square distance of the left corners from their prediction, pixels.
+    #[getter]
+    fn left_rms_px(&self) -> f64 {
+        self.0.left_rms_px
+    }
+
+    /// Root mean square distance of the right corners from their prediction, pixels.
+    #[getter]
+    fn right_rms_px(&self) -> f64 {
+        self.0.right_rms_px
+    }
+
+    /// (3, 3) float64: turns board directions into the left camera's frame.
+    #[getter]
+    fn rotation<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        matrix_array(py, &self.0.left_from_board.rotation)
+    }
+
+    /// (3,) float64: the board's origin in the left camera's frame, metres.
+    #[getter]
+    fn translation_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        vector_array(py, &self.0.left_from_board.translation_m)
+    }
+
+    fn __repr__(&self) -> String {
+        let ViewResidual { left_rms_px, right_rms_px, .. } = self.0;
+        format!("ViewResidual(left_rms_px={left_rms_px:.3}, right_rms_px={right_rms_px:.3})")
+    }
+}
+
+/// Two cameras, the pose between them, and how far to trust both.
+///
+/// Parameters
+/// ----------
+/// left, right : CameraModel
+/// rotation : (3, 3) array_like
+/// translation_m : (3,) array_like
+///     Map points of the left camera's frame to the right camera's: ``p_right = rotation @ p_left + translation_m``.
+///
+/// Raises
+/// ------
+/// ValueError
+///     The rotation is none, a number is not finite, or the cameras are in one place.
+#[pyclass(frozen, eq, module = "epiline", name = "StereoCalibration")]
+#[derive(Clone, PartialEq)]
+pub struct PyStereoCalibration(pub StereoCalibration);
+
+#[pymethods]
+impl PyStereoCalibration {
+    #[new]
+    fn new(
+        left: &PyCameraModel,
+        right: &PyCameraModel,
+        rotation: &Bound<'_, PyAny>,
+        translation_m: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        let translation = vector_of("translation_m", translation_m)?;
+        let [x, y, z] = translation[..] else {
+            let count = translation.len();
+            return Err(PyValueError::new_err(format!("translation_m: expected 3 numbers, got {count}")));
+        };
+        let pose = Pose { rotation: matrix_of("rotation", rotation)?, translation_m: Vector3::new(x, y, z) };
+        StereoCalibration::new(left.0, right.0, pose).map(Self).or_raise()
+    }
+
+    /// The left camera: the reference.
+    #[getter]
+    fn left(&self) -> PyCameraModel {
+        PyCameraModel(self.0.left)
+    }
+
+    /// The right camera.
+    #[getter]
+    fn right(&self) -> PyCameraModel {
+        PyCameraModel(self.0.right)
+    }
+
+    /// (3, 3) float64: turns left-camera directions into the right camera's frame.
+    #[getter]
+    fn rotation<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        matrix_array(py, &self.0.right_from_left.rotation)
+    }
+
+    /// (3,) float64: the left camera's centre in the right camera's frame, metres.
+    #[getter]
+    fn translation_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        vector_array(py, &self.0.right_from_left.translation_m)
+    }
+
+    /// Distance between the centres of projection, metres.
+    #[getter]
+    fn baseline_m(&self) -> f64 {
+        self.0.baseline_m()
+    }
+
+    /// (width, height) of the left camera, pixels.
+    #[getter]
+    fn image_size(&self) -> (usize, usize) {
+        (self.0.left.width, self.0.left.height)
+    }
+
+    /// Root mean square reprojection error over all corners of both cameras, pixels; NaN if unknown.
+    #[getter]
+    fn rms_px(&self) -> f64 {
+        self.0.rms_px
+    }
+
+    /// Mean vertical disparity after rectification of corners in views the fit did not see, pixels; NaN if unknown.
+    #[getter]
+    fn epipolar_error_px(&self) -> f64 {
+        self.0.epipolar_error_px
+    }
+
+    /// (24, 24) float64 in the order of ``sigma``'s keys, or None if unknown; zero for parameters held fixed.
+    #[getter]
+    fn covariance<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f64>>> {
+        let covariance = self.0.covariance.as_ref()?;
+        let row = |r| std::array::from_fn::<f64, { Parameter::COUNT }, _>(|c| covariance[(r, c)]);
+        Some(rows_array(py, (0..Parameter::COUNT).map(row)))
+    }
+
+    /// Standard deviation by parameter name: pixels, 1, radians or metres; empty if unknown.
+    ///
+    /// Rotation is a left increment on the rotation vector.
+    #[getter]
+    fn sigma<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let sigma = PyDict::new(py);
+        for (name, value) in Parameter::NAMES.into_iter().zip(self.0.sigmas().into_iter().flatten()) {
+            sigma.set_item(name, value)?;
+        }
+        Ok(sigma)
+    }
+
+    /// One entry per view used; empty if unknown.
+    #[getter]
+    fn views(&self) -> Vec<PyViewResidual> {
+        self.0.views.iter().copied().map(PyViewResidual).collect()
+    }
+
+    /// Standard deviation of depth from the calibration's own uncertainty, at the image centre.
+    ///
+    /// Parameters
+    /// ----------
+    /// z_m : float
+    ///     Depth, metres.
+    ///
+    /// Returns
+    /// -------
+    /// float
+    ///     Metres; NaN if the covariance is unknown. Matching adds ``z_m**2 * sigma_d / (focal_px * baseline_m)``.
+    fn range_sigma(&self, z_m: f64) -> f64 {
+        self.0.range_sigma_m(z_m)
+    }
+
+    /// Writes the rig as YAML, exactly; the file appears complete or not at all.
+    ///
+    /// Raises
+    /// ------
+    /// OSError
+    ///     The file cannot be written.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| self.0.save(path)).or_raise()
+    }
+
+    /// Reads a rig that ``save`` wrote.
+    ///
+    /// Raises
+    /// ------
+    /// OSError
+    ///     The file cannot be read.
+    /// epiline.Error
+    ///     An entry is missing, of the wrong type, not finite, or the rig could not exist.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        py.detach(|| StereoCalibration::load(path)).map(Self).or_raise()
+    }
+
+    fn __repr__(&self) -> String {
+        let (width, height) = self.image_size();
+        format!(
+            "StereoCalibration({width}x{height}, baseline_m={:.5}, rms_px={:.3}, epipolar_error_px={:.3})",
+            self.0.baseline_m(),
+            self.0.rms_px,
+            self.0.epipolar_error_px
+        )
+    }
+}
+
+/// Geometry of already aligned and cropped pictures from a Karlsruhe ``calib.txt`` (``P1_roi``, ``P2_roi``).
+///
+/// Returns
+/// -------
+/// dict
+///     Keyword arguments of ``RectifiedGeometry``.
+///
+/// Raises
+/// ------
+/// OSError
+///     The file cannot be read.
+/// epiline.Error
+///     An entry is missing or does not describe an aligned pair.
+#[pyfunction]
+fn read_kitti_projection(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
+    let projection = py.detach(|| kitti::read(path)).or_raise()?;
+    let lengths = BTreeMap::from([
+        ("focal_px", projection.focal_px),
+        ("cx_px", projection.cx_px),
+        ("cy_px", projection.cy_px),
+        ("doffs_px", projection.doffs_px),
+        ("baseline_m", projection.baseline_m),
+    ]);
+    let arguments = PyDict::new(py);
+    arguments.set_item("width", projection.width)?;
+    arguments.set_item("height", projection.height)?;
+    for (name, value) in lengths {
+        arguments.set_item(name, value)?;
+    }
+    Ok(arguments)
+}
