@@ -51,6 +51,20 @@ def test_equalize_differs_from_opencv_only_by_the_darkest_level() -> None:
     assert ep.equalize(image).min() == round(255 * darkest / image.size)
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (7, 1), (2, 2), (33, 50)])
+@pytest.mark.parametrize("cap", [1, 31, 63])
+def test_xsobel_is_the_clipped_derivative(shape: tuple[int, int], cap: int) -> None:
+    image = np.random.default_rng(6).integers(0, 256, shape).astype(np.uint8)
+    sobel = cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REFLECT_101)
+    np.testing.assert_array_equal(ep.xsobel(image, cap=cap), np.clip(sobel, -cap, cap) + cap)
+
+
+@pytest.mark.parametrize("cap", [-1, 0, 64, 300])
+def test_xsobel_names_a_bad_cap(cap: int) -> None:
+    with pytest.raises(ValueError, match=f"cap = {cap}"):
+        ep.xsobel(np.zeros((4, 4), np.uint8), cap=cap)
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (37, 1), (48, 64), (51, 64), (48, 63), (101, 97)])
 @pytest.mark.parametrize("sigma", [0.5, 4.0, 30.0])
 def test_low_pass_is_equation_7(shape: tuple[int, int], sigma: float) -> None:
@@ -60,7 +74,9 @@ def test_low_pass_is_equation_7(shape: tuple[int, int], sigma: float) -> None:
     H = np.exp(-(u[None, :] ** 2 + v[:, None] ** 2) / (2 * sigma**2))
     spectrum = scipy.fft.fftshift(scipy.fft.fft2(image.astype(np.float64)))
     expected = scipy.fft.ifft2(scipy.fft.ifftshift(spectrum * H)).real
-    np.testing.assert_allclose(ep.gaussian_low_pass(image, sigma=sigma), expected, atol=64 * 4 * np.finfo(np.float32).eps)
+    np.testing.assert_allclose(
+        ep.gaussian_low_pass(image, sigma=sigma), expected, atol=64 * 4 * np.finfo(np.float32).eps
+    )
 
 
 def test_low_pass_continues_periodically_and_keeps_the_mean() -> None:

@@ -133,7 +133,13 @@ def test_swapped_cameras_are_refused() -> None:
 
 @pytest.mark.parametrize(
     ("change", "text"),
-    [({"focal_px": 0.0}, "focal_px = 0"), ({"baseline_m": -0.1}, "baseline_m = -0.1"), ({"cx_px": np.nan}, "cx_px")],
+    [
+        ({"focal_px": 0.0}, "focal_px = 0"),
+        ({"baseline_m": -0.1}, "baseline_m = -0.1"),
+        ({"cx_px": np.nan}, "cx_px"),
+        ({"width": 0}, "0x3 px"),
+        ({"height": -2}, "height = -2"),
+    ],
 )
 def test_geometry_names_the_bad_value(change: dict[str, float], text: str) -> None:
     good = {"width": 4, "height": 3, "focal_px": 500.0, "cx_px": 1.5, "cy_px": 1.0, "baseline_m": 0.1}
@@ -249,6 +255,8 @@ def test_bad_options_are_named() -> None:
     flat = np.full((24, 32), 90, np.uint8)
     with pytest.raises(ValueError, match="num_disparities = 0 px"):
         ep.alignment_error(flat, flat, num_disparities=0)
+    with pytest.raises(ValueError, match="num_disparities = -1"):
+        ep.alignment_error(flat, flat, num_disparities=-1)
     with pytest.raises(ValueError, match="max_offset_px = 65 px"):
         ep.alignment_error(flat, flat, max_offset_px=65)
     with pytest.raises(ValueError, match=r"32x24 px .* 31x24 px"):

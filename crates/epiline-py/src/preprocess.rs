@@ -5,7 +5,7 @@ use epiline::preprocess::{self, GaussianLowPass, equalize_histogram};
 use numpy::PyArray2;
 use pyo3::prelude::*;
 
-use crate::convert::{OrRaise, grey_image, image_array, typed_image};
+use crate::convert::{OrRaise, grey_image, image_array, typed_image, whole};
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -90,9 +90,10 @@ fn equalize<'py>(py: Python<'py>, image: &Bound<'py, PyAny>) -> PyResult<Bound<'
 ///     Another shape or type, or a cap outside its range.
 #[pyfunction]
 #[pyo3(signature = (image, *, cap = 31))]
-fn xsobel<'py>(py: Python<'py>, image: &Bound<'py, PyAny>, cap: u8) -> PyResult<Bound<'py, PyArray2<u8>>> {
+fn xsobel<'py>(py: Python<'py>, image: &Bound<'py, PyAny>, cap: i64) -> PyResult<Bound<'py, PyArray2<u8>>> {
     let image = grey_image("image", image)?;
     let view = image.view();
+    let cap = whole("cap", cap)?;
     let mut filtered = Image::default();
     py.detach(|| preprocess::xsobel(view, cap, &mut filtered)).or_raise()?;
     Ok(image_array(py, &filtered))

@@ -8,7 +8,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::camera::{PyStereoCalibration, matrix_array};
-use crate::convert::{OrRaise, grey_image, image_array};
+use crate::convert::{OrRaise, grey_image, image_array, whole};
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -50,14 +50,15 @@ impl PyRectifiedGeometry {
     #[new]
     #[pyo3(signature = (*, width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px = 0.0))]
     fn new(
-        width: usize,
-        height: usize,
+        width: i64,
+        height: i64,
         focal_px: f64,
         cx_px: f64,
         cy_px: f64,
         baseline_m: f64,
         doffs_px: f64,
     ) -> PyResult<Self> {
+        let (width, height) = (whole("width", width)?, whole("height", height)?);
         RectifiedGeometry::new(width, height, focal_px, cx_px, cy_px, doffs_px, baseline_m)
             .map(Self)
             .or_raise()
@@ -361,11 +362,14 @@ fn py_alignment_error(
     py: Python<'_>,
     left: &Bound<'_, PyAny>,
     right: &Bound<'_, PyAny>,
-    num_disparities: usize,
-    max_offset_px: usize,
+    num_disparities: i64,
+    max_offset_px: i64,
 ) -> PyResult<PyAlignmentError> {
     let (left, right) = (grey_image("left", left)?, grey_image("right", right)?);
     let (left, right) = (left.view(), right.view());
-    let options = AlignmentOptions { num_disparities, max_offset_px };
+    let options = AlignmentOptions {
+        num_disparities: whole("num_disparities", num_disparities)?,
+        max_offset_px: whole("max_offset_px", max_offset_px)?,
+    };
     py.detach(|| alignment_error(left, right, &options)).map(PyAlignmentError).or_raise()
 }

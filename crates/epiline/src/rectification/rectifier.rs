@@ -64,7 +64,6 @@ impl Rectifier {
         check_sides("left camera", left.width, left.height)?;
         check_sides("right camera", right.width, right.height)?;
         let (width, height) = options.size.unwrap_or((left.width, left.height));
-        check_sides("rectified image", width, height)?;
         let focal_px = options.focal_px.unwrap_or_else(|| AlignedFrame::common_focal_px(left, right));
 
         let frame = AlignedFrame::of(right_from_left)?;
