@@ -161,6 +161,14 @@ pub fn vector_of(name: &str, object: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
     Ok(array.as_slice()?.to_vec())
 }
 
+/// A parameter that cannot be negative, as the core's type for it.
+pub fn whole<T: TryFrom<i64>>(name: &'static str, value: i64) -> PyResult<T> {
+    T::try_from(value).map_err(|_| {
+        let expected = if value < 0 { "must not be negative" } else { "is far too large" };
+        PyValueError::new_err(format!("{name} = {value}: {expected}"))
+    })
+}
+
 /// A new `(H, W)` array with an image's content.
 pub fn image_array<'py, T: Element + Copy + Default>(
     py: Python<'py>,

@@ -5,6 +5,8 @@ use pyo3::prelude::*;
 mod calibration;
 mod camera;
 mod convert;
+mod preprocess;
+mod rectification;
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -12,5 +14,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("Error", module.py().get_type::<convert::exception::Error>())?;
     camera::register(module)?;
     calibration::register(module)?;
+    preprocess::register(module)?;
+    rectification::register(module)?;
     Ok(())
 }

@@ -66,8 +66,7 @@ impl GaussianLowPass {
             });
         }
         for (y, row) in src.rows().enumerate() {
-            // Written so that NaN fails too.
-            if let Some(x) = row.iter().position(|value| !(value.abs() <= MAX_MAGNITUDE)) {
+            if let Some(x) = row.iter().position(|value| value.is_nan() || value.abs() > MAX_MAGNITUDE) {
                 let value = format!("{:e} at ({x}, {y})", row[x]);
                 let expected = format!("every pixel must lie within plus or minus {MAX_MAGNITUDE:e}");
                 return Err(Error::invalid("image", value, expected));

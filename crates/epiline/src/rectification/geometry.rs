@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Matrix4};
 
 use crate::camera::DepthVariance;
 use crate::error::{Error, Result};
+use crate::image::check_sides;
 
 /// Geometry of an aligned pair: both views share focal length, principal row and orientation.
 ///
@@ -33,6 +34,11 @@ pub struct RectifiedGeometry {
 
 impl RectifiedGeometry {
     /// Geometry of a pair that came already aligned.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::InvalidParameter`] unless focal length and baseline are positive, all is finite and the size is an
+    /// image's.
     pub fn new(
         width: usize,
         height: usize,
@@ -42,6 +48,7 @@ impl RectifiedGeometry {
         doffs_px: f64,
         baseline_m: f64,
     ) -> Result<Self> {
+        check_sides("rectified image", width, height)?;
         let positive = |name, value: f64, unit: &str| {
             (value.is_finite() && value > 0.0)
                 .then_some(())

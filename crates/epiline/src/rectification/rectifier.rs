@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::geometry::RectifiedGeometry;
 use super::remap::Remap;
 use super::view::shared_principal_point;
-use crate::camera::{AlignedFrame, CameraModel, DepthVariance, StereoCalibration};
+use crate::camera::{AlignedFrame, CameraModel, StereoCalibration};
 use crate::error::{Error, Result};
 use crate::image::{Image, ImageRef, check_sides};
 
@@ -64,7 +64,6 @@ impl Rectifier {
         check_sides("left camera", left.width, left.height)?;
         check_sides("right camera", right.width, right.height)?;
         let (width, height) = options.size.unwrap_or((left.width, left.height));
-        check_sides("rectified image", width, height)?;
         let focal_px = options.focal_px.unwrap_or_else(|| AlignedFrame::common_focal_px(left, right));
 
         let frame = AlignedFrame::of(right_from_left)?;
@@ -72,7 +71,7 @@ impl Rectifier {
         let mut geometry =
             RectifiedGeometry::new(width, height, focal_px, cx_px, cy_px, 0.0, frame.baseline_m)?;
         geometry.aligned_from_left = frame.aligned_from_left;
-        geometry.calibration_variance = DepthVariance::default();
+        geometry.calibration_variance = calibration.depth_variance();
 
         let left = camera_map("left camera", left, &frame.aligned_from_left, &geometry)?;
         let right = camera_map("right camera", right, &frame.aligned_from_right, &geometry)?;

@@ -35,6 +35,7 @@ pub(super) struct CornerDetector {
     products: Vec<[Vec<i32>; 3]>,
     columns: [Vec<i32>; 3],
     strength: Image<f32>,
+    is_maximum: Vec<bool>,
     /// The corners found, from the top down and from left to right in each row.
     pub found: Vec<Corner>,
     /// Index into `found` of the first corner at or below each row; one entry more than there are rows.
@@ -87,20 +88,14 @@ impl CornerDetector {
         let (width, height) = (self.strength.width(), self.strength.height());
         let cell_px = cell_side_px(width, height);
         let cells_across = width.div_ceil(cell_px);
+        self.is_maximum.clear();
+        self.is_maximum.resize(width, false);
         for y in margin..height - margin {
-            let [above, here, below] = [y - 1, y, y + 1].map(|y| self.strength.row(y));
+            mark_maxima([y - 1, y, y + 1].map(|y| self.strength.row(y)), &mut self.is_maximum);
             for x in margin..width - margin {
-                let strength = here[x];
-                // Of two equal neighbours the earlier one is the maximum.
-                let is_maximum = strength > MIN_STRENGTH
-                    && strength > here[x - 1]
-                    && strength >= here[x + 1]
-                    && above[x - 1..=x + 1].iter().all(|&other| strength > other)
-                    && below[x - 1..=x + 1].iter().all(|&other| strength >= other);
-                if is_maximum && valid.is_none_or(|valid| is_valid_around(valid, x, y, margin)) {
-                    // The larger side has 20 cells, or they are 24 px wide: at most 683², well inside 16 bits only
-                    // because cells grow with the image; see `cell_side_px`.
+                if self.is_maximum[x] && valid.is_none_or(|valid| is_valid_around(valid, x, y, margin)) {
                     let cell = (y / cell_px * cells_across + x / cell_px) as u16;
+                    let strength = self.strength.row(y)[x];
                     self.found.push(Corner { x: x as u16, y: y as u16, rank: 0, cell, strength });
                 }
             }
@@ -128,6 +123,28 @@ impl CornerDetector {
 /// At most [`CELLS`]² cells, so that a cell's number fits 16 bits whatever the image.
 fn cell_side_px(width: usize, height: usize) -> usize {
     width.max(height).div_ceil(CELLS).max(MIN_CELL_PX)
+}
+
+/// Marks where the middle row is strong and no neighbour is stronger; of two equal ones the earlier counts.
+fn mark_maxima([above, here, below]: [&[f32]; 3], is_maximum: &mut [bool]) {
+    let inner = here.len() - 2;
+    let [north_west, north, north_east] = [0, 1, 2].map(|x| &above[x..x + inner]);
+    let [west, center, east] = [0, 1, 2].map(|x| &here[x..x + inner]);
+    let [south_west, south, south_east] = [0, 1, 2].map(|x| &below[x..x + inner]);
+    let marks = &mut is_maximum[1..=inner];
+    // No short circuit: whole vectors at a time beat a branch that textured pictures make unpredictable.
+    for i in 0..inner {
+        let it = center[i];
+        marks[i] = (it > MIN_STRENGTH)
+            & (it > north_west[i])
+            & (it > north[i])
+            & (it > north_east[i])
+            & (it > west[i])
+            & (it >= east[i])
+            & (it >= south_west[i])
+            & (it >= south[i])
+            & (it >= south_east[i]);
+    }
 }
 
 fn is_valid_around(valid: ImageRef<'_, u8>, x: usize, y: usize, margin: usize) -> bool {

@@ -9,7 +9,7 @@ pub(super) const SIDE: usize = 2 * HALF + 1;
 /// Pixels in a patch.
 pub(super) const AREA: usize = SIDE * SIDE;
 
-/// Length of a normalised patch; rounding its entries to integers costs about 1/2000 of correlation.
+/// Length of a normalised patch; cutting its entries to integers costs about 1/1000 of correlation.
 const LENGTH: f32 = 16_384.0;
 /// Entries of a patch, filled up with zeros to whole vectors.
 const LANES: usize = AREA.next_multiple_of(8);
@@ -21,17 +21,19 @@ pub(super) struct Patch([i16; LANES]);
 impl Patch {
     /// The patch around `(x, y)`, which lies at least [`HALF`] inside the image.
     pub fn around(image: ImageRef<'_, u8>, x: usize, y: usize) -> Self {
-        let mut levels = [0f32; AREA];
+        let mut levels = [0u8; AREA];
         for (row, y) in levels.chunks_exact_mut(SIDE).zip(y - HALF..) {
-            let source = &image.row(y)[x - HALF..=x + HALF];
-            row.iter_mut().zip(source).for_each(|(level, &pixel)| *level = f32::from(pixel));
+            row.copy_from_slice(&image.row(y)[x - HALF..=x + HALF]);
         }
-        let mean = levels.iter().sum::<f32>() / AREA as f32;
-        let energy: f32 = levels.iter().map(|level| (level - mean) * (level - mean)).sum();
-        let scale = if energy > 0.0 { LENGTH / energy.sqrt() } else { 0.0 };
+        let sum: u32 = levels.iter().map(|&level| u32::from(level)).sum();
+        let squares: u32 = levels.iter().map(|&level| u32::from(level) * u32::from(level)).sum();
+        let mean = sum as f32 / AREA as f32;
+        // AREA²·variance, exact: at most 169²·255² needs the 32 bits and no more.
+        let spread = AREA as u32 * squares - sum * sum;
+        let scale = if spread > 0 { LENGTH / (spread as f32 / AREA as f32).sqrt() } else { 0.0 };
         let mut entries = [0i16; LANES];
-        for (entry, level) in entries.iter_mut().zip(levels) {
-            *entry = ((level - mean) * scale).round_ties_even() as i16;
+        for (entry, &level) in entries.iter_mut().zip(&levels) {
+            *entry = ((f32::from(level) - mean) * scale) as i16;
         }
         Self(entries)
     }

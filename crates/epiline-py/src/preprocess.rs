@@ -1,0 +1,134 @@
+//! Python face of `epiline::preprocess`.
+
+use epiline::image::Image;
+use epiline::preprocess::{self, GaussianLowPass, equalize_histogram};
+use numpy::PyArray2;
+use pyo3::prelude::*;
+
+use crate::convert::{OrRaise, grey_image, image_array, typed_image, whole};
+
+/// Adds this part to the module.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(grey, module)?)?;
+    module.add_function(wrap_pyfunction!(equalize, module)?)?;
+    module.add_function(wrap_pyfunction!(xsobel, module)?)?;
+    module.add_function(wrap_pyfunction!(gaussian_low_pass, module)?)
+}
+
+/// Grey level of every pixel: Y = 0.299 R + 0.587 G + 0.114 B (ITU-R BT.601), rounded to nearest.
+///
+/// Parameters
+/// ----------
+/// image : (H, W, 3) or (H, W) uint8
+///     Blue, green, red; a grey image is copied.
+///
+/// Returns
+/// -------
+/// (H, W) uint8
+///     Equal bit for bit to OpenCV's ``COLOR_BGR2GRAY``.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Another shape or type.
+#[pyfunction]
+fn grey<'py>(py: Python<'py>, image: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<u8>>> {
+    let image = grey_image("image", image)?;
+    let view = image.view();
+    let copy = Image::from_fn(view.width(), view.height(), |x, y| view.at(x, y));
+    Ok(image_array(py, &copy))
+}
+
+/// Histogram equalisation, eq. 3 of the 2011 paper: q = T(w) = 255 * (share of pixels not brighter than w).
+///
+/// Parameters
+/// ----------
+/// image : (H, W) or (H, W, 3) uint8
+///     Three channels are blue, green, red and become grey first.
+///
+/// Returns
+/// -------
+/// (H, W) uint8
+///     Rounded to nearest, halves upward.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Another shape or type.
+///
+/// Notes
+/// -----
+/// ``cv2.equalizeHist`` leaves the pixels of the darkest occupied level out of the sum, so that this level becomes 0;
+/// here it becomes its own share of 255.
+#[pyfunction]
+fn equalize<'py>(py: Python<'py>, image: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<u8>>> {
+    let image = grey_image("image", image)?;
+    let view = image.view();
+    let mut equalized = Image::default();
+    py.detach(|| equalize_histogram(view, &mut equalized));
+    Ok(image_array(py, &equalized))
+}
+
+/// Horizontal Sobel derivative, clipped to plus or minus `cap` and raised by `cap`: what is left of an image without
+/// its exposure.
+///
+/// Parameters
+/// ----------
+/// image : (H, W) or (H, W, 3) uint8
+///     Three channels are blue, green, red and become grey first.
+/// cap : int
+///     1 to 63 grey levels.
+///
+/// Returns
+/// -------
+/// (H, W) uint8
+///     0 to 2 * cap; cap where the image is flat.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Another shape or type, or a cap outside its range.
+#[pyfunction]
+#[pyo3(signature = (image, *, cap = 31))]
+fn xsobel<'py>(py: Python<'py>, image: &Bound<'py, PyAny>, cap: i64) -> PyResult<Bound<'py, PyArray2<u8>>> {
+    let image = grey_image("image", image)?;
+    let view = image.view();
+    let cap = whole("cap", cap)?;
+    let mut filtered = Image::default();
+    py.detach(|| preprocess::xsobel(view, cap, &mut filtered)).or_raise()?;
+    Ok(image_array(py, &filtered))
+}
+
+/// Gaussian low-pass in the frequency domain, eq. 7 of the 2011 paper: H(u, v) = exp(-D(u, v)**2 / (2 sigma**2)).
+///
+/// Parameters
+/// ----------
+/// image : (H, W) float32
+///     Every pixel finite.
+/// sigma : float
+///     In the unit of D: frequency samples from the centre of the shifted spectrum, that is, whole periods across
+///     the image's width or height. Smaller blurs more.
+///
+/// Returns
+/// -------
+/// (H, W) float32
+///     The image continues periodically, as the discrete transform implies: its right edge blurs into its left.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Another shape or type, a pixel that is not finite, a sigma that is not positive.
+#[pyfunction]
+#[pyo3(signature = (image, *, sigma))]
+fn gaussian_low_pass<'py>(
+    py: Python<'py>,
+    image: &Bound<'py, PyAny>,
+    sigma: f64,
+) -> PyResult<Bound<'py, PyArray2<f32>>> {
+    let image = typed_image::<f32>("image", image, "float32")?;
+    let view = image.view();
+    let mut filtered = Image::default();
+    py.detach(|| GaussianLowPass::new(view.width(), view.height(), sigma)?.apply(view, &mut filtered))
+        .or_raise()?;
+    Ok(image_array(py, &filtered))
+}

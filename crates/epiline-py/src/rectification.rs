@@ -1,0 +1,375 @@
+//! Python face of `epiline::rectification`.
+
+use epiline::image::{Image, ImageRef};
+use epiline::rectification::{
+    AlignmentError, AlignmentOptions, PointMatch, RectifiedGeometry, Rectifier, alignment_error,
+};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+
+use crate::camera::{PyStereoCalibration, matrix_array};
+use crate::convert::{OrRaise, grey_image, image_array, whole};
+
+/// Adds this part to the module.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PyRectifiedGeometry>()?;
+    module.add_class::<PyRectifiedPair>()?;
+    module.add_class::<PyRectifier>()?;
+    module.add_class::<PyAlignmentError>()?;
+    module.add_function(wrap_pyfunction!(py_alignment_error, module)?)
+}
+
+/// Geometry of an aligned pair: both views share focal length, principal row and orientation.
+///
+/// With disparity d = x_left - x_right, depth along the optical axis is
+/// Z = focal_px * baseline_m / (d + doffs_px).
+///
+/// Parameters
+/// ----------
+/// width, height : int
+///     Size of both images, pixels.
+/// focal_px : float
+///     Focal length, pixels.
+/// cx_px, cy_px : float
+///     Principal point of the left image, pixels; (0, 0) is the centre of the top-left pixel.
+/// baseline_m : float
+///     Distance between the cameras, metres.
+/// doffs_px : float
+///     Principal column of the right image less that of the left, pixels.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A length that is not positive and finite.
+#[pyclass(name = "RectifiedGeometry", module = "epiline", frozen, from_py_object)]
+#[derive(Clone)]
+pub struct PyRectifiedGeometry(pub RectifiedGeometry);
+
+#[pymethods]
+impl PyRectifiedGeometry {
+    #[new]
+    #[pyo3(signature = (*, width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px = 0.0))]
+    fn new(
+        width: i64,
+        height: i64,
+        focal_px: f64,
+        cx_px: f64,
+        cy_px: f64,
+        baseline_m: f64,
+        doffs_px: f64,
+    ) -> PyResult<Self> {
+        let (width, height) = (whole("width", width)?, whole("height", height)?);
+        RectifiedGeometry::new(width, height, focal_px, cx_px, cy_px, doffs_px, baseline_m)
+            .map(Self)
+            .or_raise()
+    }
+
+    /// Width of both images, pixels.
+    #[getter]
+    fn width(&self) -> usize {
+        self.0.width
+    }
+
+    /// Height of both images, pixels.
+    #[getter]
+    fn height(&self) -> usize {
+        self.0.height
+    }
+
+    /// Focal length, pixels.
+    #[getter]
+    fn focal_px(&self) -> f64 {
+        self.0.focal_px
+    }
+
+    /// Principal column of the left image, pixels.
+    #[getter]
+    fn cx_px(&self) -> f64 {
+        self.0.cx_px
+    }
+
+    /// Principal row of both images, pixels.
+    #[getter]
+    fn cy_px(&self) -> f64 {
+        self.0.cy_px
+    }
+
+    /// Principal column of the right image less that of the left, pixels.
+    #[getter]
+    fn doffs_px(&self) -> f64 {
+        self.0.doffs_px
+    }
+
+    /// Distance between the cameras, metres.
+    #[getter]
+    fn baseline_m(&self) -> f64 {
+        self.0.baseline_m
+    }
+
+    /// (4, 4) float64: (X, Y, Z, 1) ~ Q (x, y, d, 1), metres in the left aligned frame.
+    #[getter(Q)]
+    fn q<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        // nalgebra stores columns first.
+        PyArray1::from_slice(py, self.0.q_matrix().transpose().as_slice())
+            .reshape([4, 4])
+            .expect("4 x 4 numbers")
+    }
+
+    /// (3, 3) float64: rotates left-camera directions into the aligned frame.
+    #[getter]
+    fn aligned_from_left<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        matrix_array(py, &self.0.aligned_from_left)
+    }
+
+    /// Depth along the optical axis, metres, of a disparity in pixels.
+    fn depth_m(&self, disparity_px: f64) -> f64 {
+        self.0.depth_m(disparity_px)
+    }
+
+    /// Disparity, pixels, of a depth along the optical axis in metres.
+    fn disparity_px(&self, depth_m: f64) -> f64 {
+        self.0.disparity_px(depth_m)
+    }
+
+    fn __repr__(&self) -> String {
+        let RectifiedGeometry { width, height, focal_px, cx_px, cy_px, baseline_m, doffs_px, .. } = self.0;
+        format!(
+            "RectifiedGeometry(width={width}, height={height}, focal_px={focal_px}, cx_px={cx_px}, \
+             cy_px={cy_px}, baseline_m={baseline_m}, doffs_px={doffs_px})"
+        )
+    }
+}
+
+/// Two aligned images: a point of the scene lies on one row in both.
+#[pyclass(name = "RectifiedPair", module = "epiline", frozen)]
+pub struct PyRectifiedPair {
+    left: Py<PyArray2<u8>>,
+    right: Py<PyArray2<u8>>,
+    left_valid: Py<PyArray2<bool>>,
+    right_valid: Py<PyArray2<bool>>,
+    geometry: RectifiedGeometry,
+}
+
+impl PyRectifiedPair {
+    /// A pair from the core's images and masks (0 is invalid).
+    pub fn new(
+        py: Python<'_>,
+        images: [&Image<u8>; 2],
+        valid: [ImageRef<'_, u8>; 2],
+        geometry: RectifiedGeometry,
+    ) -> Self {
+        let [left, right] = images.map(|image| image_array(py, image).unbind());
+        let [left_valid, right_valid] = valid.map(|mask| mask_array(py, mask).unbind());
+        Self { left, right, left_valid, right_valid, geometry }
+    }
+}
+
+#[pymethods]
+impl PyRectifiedPair {
+    /// (H, W) uint8: the aligned left image; 0 where it has no source.
+    #[getter]
+    fn left<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<u8>> {
+        self.left.bind(py).clone()
+    }
+
+    /// (H, W) uint8: the aligned right image; 0 where it has no source.
+    #[getter]
+    fn right<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<u8>> {
+        self.right.bind(py).clone()
+    }
+
+    /// (H, W) bool: true where the aligned left image has a source.
+    #[getter]
+    fn left_valid<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<bool>> {
+        self.left_valid.bind(py).clone()
+    }
+
+    /// (H, W) bool: true where the aligned right image has a source.
+    #[getter]
+    fn right_valid<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<bool>> {
+        self.right_valid.bind(py).clone()
+    }
+
+    /// Geometry of both images.
+    #[getter]
+    fn geometry(&self) -> PyRectifiedGeometry {
+        PyRectifiedGeometry(self.geometry)
+    }
+}
+
+/// Aligns the images of a calibrated rig; its maps are computed once.
+///
+/// Both cameras turn by half of the rotation between them and then together until the baseline is horizontal. Both
+/// aligned images share focal length (that of the cameras: nothing is zoomed) and principal point, placed so that
+/// the middle of the output shows the middle of what both cameras see at infinity. Pixels are bilinear combinations
+/// of four (eq. 4 of the 2011 paper), at source positions rounded to 1/256 px; a pixel with no source is 0 and
+/// marked in the masks.
+///
+/// Parameters
+/// ----------
+/// calibration : StereoCalibration
+///     The rig.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A rig that cannot exist.
+/// epiline.Error
+///     Swapped cameras, a baseline that is not horizontal, or cameras that see nothing in common.
+#[pyclass(name = "Rectifier", module = "epiline", frozen)]
+pub struct PyRectifier(pub Rectifier);
+
+#[pymethods]
+impl PyRectifier {
+    #[new]
+    fn new(py: Python<'_>, calibration: &Bound<'_, PyStereoCalibration>) -> PyResult<Self> {
+        let calibration = &calibration.get().0;
+        py.detach(|| Rectifier::new(calibration)).map(Self).or_raise()
+    }
+
+    /// Geometry of the aligned images.
+    #[getter]
+    fn geometry(&self) -> PyRectifiedGeometry {
+        PyRectifiedGeometry(*self.0.geometry())
+    }
+
+    /// Aligns a pair.
+    ///
+    /// Parameters
+    /// ----------
+    /// left, right : (H, W) or (H, W, 3) uint8
+    ///     Images of the size the cameras were calibrated with; three channels are blue, green, red.
+    ///
+    /// Returns
+    /// -------
+    /// RectifiedPair
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     Another size, shape or type.
+    fn __call__(
+        &self,
+        py: Python<'_>,
+        left: &Bound<'_, PyAny>,
+        right: &Bound<'_, PyAny>,
+    ) -> PyResult<PyRectifiedPair> {
+        let (left, right) = (grey_image("left", left)?, grey_image("right", right)?);
+        let (left, right) = (left.view(), right.view());
+        let mut aligned = [Image::default(), Image::default()];
+        py.detach(|| {
+            self.0.rectify_left(left, &mut aligned[0])?;
+            self.0.rectify_right(right, &mut aligned[1])
+        })
+        .or_raise()?;
+        let valid = [self.0.left_valid(), self.0.right_valid()];
+        Ok(PyRectifiedPair::new(py, aligned.each_ref(), valid, *self.0.geometry()))
+    }
+}
+
+fn mask_array<'py>(py: Python<'py>, mask: ImageRef<'_, u8>) -> Bound<'py, PyArray2<bool>> {
+    PyArray1::from_iter(py, mask.rows().flatten().map(|&valid| valid != 0))
+        .reshape([mask.height(), mask.width()])
+        .expect("a mask has height x width elements")
+}
+
+/// Vertical residual of an aligned pair, dy = y_right - y_left over its matches.
+#[pyclass(name = "AlignmentError", module = "epiline", frozen)]
+pub struct PyAlignmentError(pub AlignmentError);
+
+#[pymethods]
+impl PyAlignmentError {
+    /// Median of abs(dy), pixels; NaN with too few matches.
+    #[getter]
+    fn median_px(&self) -> f64 {
+        self.0.median_px
+    }
+
+    /// Median of dy, pixels, positive where the right image is too low; NaN with too few matches.
+    #[getter]
+    fn signed_median_px(&self) -> f64 {
+        self.0.signed_median_px
+    }
+
+    /// Robust standard deviation of dy, pixels; NaN with too few matches.
+    #[getter]
+    fn spread_px(&self) -> f64 {
+        self.0.spread_px
+    }
+
+    /// Number of matches.
+    #[getter]
+    fn matches(&self) -> usize {
+        self.0.matches.len()
+    }
+
+    /// (N, 2) float64: x, y of each match in the left image, pixels.
+    #[getter]
+    fn left_px<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        self.points(py, |found| found.left_px)
+    }
+
+    /// (N, 2) float64: x, y of each match in the right image, pixels.
+    #[getter]
+    fn right_px<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        self.points(py, |found| found.right_px)
+    }
+
+    fn __repr__(&self) -> String {
+        let AlignmentError { median_px, spread_px, matches, .. } = &self.0;
+        format!(
+            "AlignmentError(median_px={median_px:.3}, spread_px={spread_px:.3}, matches={})",
+            matches.len()
+        )
+    }
+}
+
+impl PyAlignmentError {
+    fn points<'py>(
+        &self,
+        py: Python<'py>,
+        point: impl FnMut(&PointMatch) -> [f64; 2],
+    ) -> Bound<'py, PyArray2<f64>> {
+        PyArray1::from_iter(py, self.0.matches.iter().flat_map(point))
+            .reshape([self.0.matches.len(), 2])
+            .expect("two numbers per match")
+    }
+}
+
+/// Vertical residual of an already rectified pair, from the pair's own content.
+///
+/// Parameters
+/// ----------
+/// left, right : (H, W) or (H, W, 3) uint8
+///     The aligned images.
+/// num_disparities : int
+///     Disparities looked at, 1 to 4096 px.
+/// max_offset_px : int
+///     Rows up and down looked at, 1 to 64; a larger vertical error is not seen.
+///
+/// Returns
+/// -------
+/// AlignmentError
+///     Its numbers are NaN if too few points match; its count says so.
+///
+/// Raises
+/// ------
+/// ValueError
+///     The images differ in size or type, or an option is outside its range.
+#[pyfunction]
+#[pyo3(name = "alignment_error", signature = (left, right, *, num_disparities = 192, max_offset_px = 8))]
+fn py_alignment_error(
+    py: Python<'_>,
+    left: &Bound<'_, PyAny>,
+    right: &Bound<'_, PyAny>,
+    num_disparities: i64,
+    max_offset_px: i64,
+) -> PyResult<PyAlignmentError> {
+    let (left, right) = (grey_image("left", left)?, grey_image("right", right)?);
+    let (left, right) = (left.view(), right.view());
+    let options = AlignmentOptions {
+        num_disparities: whole("num_disparities", num_disparities)?,
+        max_offset_px: whole("max_offset_px", max_offset_px)?,
+    };
+    py.detach(|| alignment_error(left, right, &options)).map(PyAlignmentError).or_raise()
+}

@@ -1,0 +1,154 @@
+//! Grey, equalisation and the low-pass filter against their definitions, written out slowly.
+
+use std::f64::consts::TAU;
+
+use epiline::image::{Image, ImageRef};
+use epiline::preprocess::{GaussianLowPass, equalize_histogram, grey_from_bgr};
+use proptest::prelude::*;
+
+/// Pseudo-random numbers in [0, 1): a linear congruence is random enough for pixels.
+fn noise(seed: u64) -> impl FnMut() -> f64 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// Eq. 7 from the definition: the discrete Fourier transform as a sum over all pixels, H by the distance from the
+/// centre of the shifted spectrum, and the sum back.
+fn low_pass_by_definition(image: &Image<f32>, sigma: f64) -> Image<f64> {
+    let (width, height) = (image.width(), image.height());
+    let spectrum: Vec<(f64, f64)> = (0..width * height)
+        .map(|i| {
+            // Column and row of the shifted spectrum, and the frequency there.
+            let (column, row) = (i % width, i / width);
+            let u = column as f64 - (width / 2) as f64;
+            let v = row as f64 - (height / 2) as f64;
+            let h = (-(u * u + v * v) / (2.0 * sigma * sigma)).exp();
+            let (mut re, mut im) = (0.0, 0.0);
+            for y in 0..height {
+                for x in 0..width {
+                    let phase = -TAU * (u * x as f64 / width as f64 + v * y as f64 / height as f64);
+                    re += f64::from(image.row(y)[x]) * phase.cos();
+                    im += f64::from(image.row(y)[x]) * phase.sin();
+                }
+            }
+            (h * re, h * im)
+        })
+        .collect();
+    Image::from_fn(width, height, |x, y| {
+        let sum: f64 = (spectrum.iter().enumerate())
+            .map(|(i, (re, im))| {
+                let u = (i % width) as f64 - (width / 2) as f64;
+                let v = (i / width) as f64 - (height / 2) as f64;
+                let phase = TAU * (u * x as f64 / width as f64 + v * y as f64 / height as f64);
+                re * phase.cos() - im * phase.sin()
+            })
+            .sum();
+        sum / (width * height) as f64
+    })
+}
+
+#[test]
+fn low_pass_is_the_definition_at_every_parity() {
+    let mut random = noise(7);
+    for (width, height) in [(1, 1), (1, 9), (8, 1), (7, 5), (8, 6), (9, 8), (6, 11)] {
+        for sigma in [0.3, 1.5, 40.0] {
+            let image = Image::from_fn(width, height, |_, _| (random() * 255.0) as f32);
+            let mut filtered = Image::default();
+            let mut filter = GaussianLowPass::new(width, height, sigma).expect("legal");
+            filter.apply(image.view(), &mut filtered).expect("sizes agree");
+            let expected = low_pass_by_definition(&image, sigma);
+            for (got, want) in filtered.as_slice().iter().zip(expected.as_slice()) {
+                let error = (f64::from(*got) - want).abs();
+                assert!(
+                    error < 255.0 * 4.0 * f64::from(f32::EPSILON),
+                    "{width}x{height} sigma {sigma}: {got} is not {want}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn low_pass_refuses_what_it_cannot_filter() {
+    for sigma in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let message = GaussianLowPass::new(4, 4, sigma).err().expect("must be refused").to_string();
+        assert!(message.starts_with(&format!("sigma = {sigma} frequency samples")), "{message}");
+    }
+    for (width, height) in [(0, 4), (4, 0), (usize::MAX, 4), (16_385, 1)] {
+        assert!(GaussianLowPass::new(width, height, 1.0).is_err());
+    }
+    let mut filter = GaussianLowPass::new(4, 3, 1.0).expect("legal");
+    let mut filtered = Image::default();
+    let other = Image::<f32>::new(3, 4);
+    let message = filter.apply(other.view(), &mut filtered).expect_err("another size").to_string();
+    assert!(message.contains("3x4 px") && message.contains("4x3 px"), "{message}");
+    for bad in [f32::NAN, f32::INFINITY, 1e31] {
+        let mut image = Image::<f32>::new(4, 3);
+        image.row_mut(2)[1] = bad;
+        let message = filter.apply(image.view(), &mut filtered).expect_err("not finite").to_string();
+        assert!(message.contains("(1, 2)"), "{message}");
+    }
+    let mut image = Image::<f32>::new(4, 3);
+    image.fill(1e30);
+    filter.apply(image.view(), &mut filtered).expect("the largest legal value");
+    assert!(filtered.as_slice().iter().all(|value| value.is_finite()));
+}
+
+/// Eq. 3 with the pixels counted one by one for every level.
+fn equalized_by_definition(image: &Image<u8>, w: u8) -> f64 {
+    let not_brighter = image.as_slice().iter().filter(|&&r| r <= w).count();
+    255.0 * not_brighter as f64 / image.as_slice().len() as f64
+}
+
+proptest! {
+    #[test]
+    fn equalisation_is_the_definition(
+        width in 1usize..40,
+        height in 1usize..20,
+        levels in 1u32..=256,
+        seed: u64,
+    ) {
+        let mut random = noise(seed);
+        let image = Image::from_fn(width, height, |_, _| (random() * f64::from(levels)) as u8);
+        let mut equalized = Image::default();
+        equalize_histogram(image.view(), &mut equalized);
+        for (&w, &q) in image.as_slice().iter().zip(equalized.as_slice()) {
+            // Nearest, halves upward.
+            prop_assert_eq!(f64::from(q), (equalized_by_definition(&image, w) + 0.5).floor());
+        }
+    }
+}
+
+#[test]
+fn equalisation_of_one_level_is_white_and_of_a_ramp_is_the_ramp() {
+    let flat = Image::from_fn(5, 3, |_, _| 90u8);
+    let mut equalized = Image::default();
+    equalize_histogram(flat.view(), &mut equalized);
+    assert!(equalized.as_slice().iter().all(|&q| q == 255));
+
+    let ramp = Image::from_fn(256, 2, |x, _| x as u8);
+    equalize_histogram(ramp.view(), &mut equalized);
+    // T(w) = 255 (w + 1) / 256 lies between w and w + 1, half-way at w = 127, which rounds upward.
+    for (w, &q) in equalized.row(1).iter().enumerate() {
+        assert_eq!(q as usize, if w <= 127 { w + 1 } else { w });
+    }
+}
+
+#[test]
+fn rows_of_a_wider_buffer_are_read_as_rows() {
+    let buffer: Vec<[u8; 3]> = (0..30u8).map(|i| [i, 2 * i, 3 * i]).collect();
+    let view = ImageRef::with_stride("image", &buffer, 4, 3, 10).expect("fits");
+    let mut grey = Image::default();
+    grey_from_bgr(view, &mut grey);
+    assert_eq!((grey.width(), grey.height()), (4, 3));
+    for y in 0..3 {
+        for x in 0..4 {
+            let i = (y * 10 + x) as f64;
+            let expected = 0.114 * i + 0.587 * 2.0 * i + 0.299 * 3.0 * i;
+            assert!((f64::from(grey.row(y)[x]) - expected).abs() <= 0.51, "({x}, {y})");
+        }
+    }
+}
