@@ -45,7 +45,7 @@ class Chessboard:
     def points_m(self) -> NDArray[np.float64]:
         """(columns·rows, 3) corners in the board's frame, row by row, metres; z = 0."""
         x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
-        return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * self.square_m
+        return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1).astype(np.float64) * self.square_m
 
     def __str__(self) -> str:
         return f"{self.columns}x{self.rows}"
@@ -60,7 +60,10 @@ def parse_board(text: str) -> tuple[int, int]:
 
 
 def parse_length(text: str) -> float:
-    """Metres from ``"25mm"``, ``"2.5cm"``, ``"0.025m"`` or a bare number of metres. Raises ValueError for anything else."""
+    """Metres from ``"25mm"``, ``"2.5cm"``, ``"0.025m"`` or a bare number of metres.
+
+    Raises ValueError for anything else.
+    """
     found = re.fullmatch(r"\s*([0-9.]+(?:e-?\d+)?)\s*(mm|cm|m|)\s*", text, re.IGNORECASE)
     try:
         value = float(found[1]) * _METRES[found[2].lower()] if found else math.nan

@@ -26,6 +26,8 @@ class View:
         Whether the pair takes part in the calibration.
     reason : str
         Why not; empty if accepted.
+    remark : str
+        What went wrong on the way to an accepted pair, such as a grid that had to be looked for again.
     """
 
     name_left: str
@@ -34,6 +36,7 @@ class View:
     right_px: Points | None
     accepted: bool
     reason: str
+    remark: str = ""
 
 
 @dataclass(frozen=True)

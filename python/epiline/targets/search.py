@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -15,10 +16,6 @@ from epiline.targets.boards import Chessboard
 from epiline.targets.observations import Observations, Points, View
 
 Photograph: TypeAlias = "str | os.PathLike[str] | NDArray[np.uint8]"
-
-# A board's two pictures differ by the views' disparity, not by a turn: more than this between its rows' directions
-# means that the two cameras saw its first corner at different ends.
-_FLIP_DEGREES = 90.0
 
 
 def find_boards(
@@ -40,7 +37,7 @@ def find_boards(
     corner_half_window : int, optional
         Half the side of the window in which a corner is refined, px. By default it follows the board in each view.
     threads : int, optional
-        All cores by default.
+        All cores by default; the environment's EPILINE_THREADS caps them.
     progress : callable, optional
         Called after each pair.
 
@@ -71,7 +68,7 @@ def find_boards(
         return result
 
     jobs = [(i, left, right) for i, (left, right) in enumerate(zip(left_images, right_images, strict=True))]
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+    with ThreadPoolExecutor(_workers(threads)) as pool:
         looked = list(pool.map(one, jobs))
     sizes = [size for view, size in looked if view.accepted and size is not None]
     if not sizes:
@@ -93,11 +90,11 @@ def _names(number: int, left: Photograph, right: Photograph) -> tuple[str, str]:
 def _look_at(
     left: Photograph, right: Photograph, names: tuple[str, str], board: Chessboard, half_window: int | None
 ) -> tuple[View, tuple[int, int] | None]:
-    from epiline.targets.chessboard import NotFound, find_corners
+    from epiline.targets.chessboard import NotFoundError, Sighting, find_corners
+    from epiline.targets.grid import closest_reading, readings
 
-    def rejected(reason: str, found: dict[str, Points] | None = None) -> tuple[View, None]:
-        known = found or {}
-        return View(*names, known.get("left"), known.get("right"), accepted=False, reason=reason), None
+    def rejected(reason: str, left_px: Points | None = None, right_px: Points | None = None) -> tuple[View, None]:
+        return View(*names, left_px, right_px, accepted=False, reason=reason), None
 
     try:
         images = {"left": _grey(left), "right": _grey(right)}
@@ -106,20 +103,24 @@ def _look_at(
     if images["left"].shape != images["right"].shape:
         shapes = [f"{image.shape[1]}x{image.shape[0]}" for image in images.values()]
         return rejected(f"left is {shapes[0]} px, right is {shapes[1]} px")
-    found: dict[str, Points] = {}
+    seen: dict[str, Sighting] = {}
     failures: dict[str, str] = {}
     for side, image in images.items():
         try:
-            found[side] = find_corners(image, board, half_window=half_window)
-        except NotFound as failure:
+            seen[side] = find_corners(image, board, half_window=half_window)
+        except NotFoundError as failure:
             failures[side] = str(failure)
+    ways = {side: readings(images[side], sighting.corners_px, board) for side, sighting in seen.items()}
     if failures:
         same = len(failures) == 2 and len(set(failures.values())) == 1
         sides = {"left and right": failures["left"]} if same else failures
-        return rejected("; ".join(f"{side}: {reason}" for side, reason in sides.items()), found)
+        reason = "; ".join(f"{side}: {text}" for side, text in sides.items())
+        return rejected(reason, *(ways[side][0] if side in ways else None for side in images))
+    left_px = ways["left"][0]
+    right_px = closest_reading(left_px, ways["right"])
+    remark = "; ".join(f"{side}: {sighting.remark}" for side, sighting in seen.items() if sighting.remark)
     height, width = images["left"].shape
-    right_px = _in_the_order_of(found["left"], found["right"], board)
-    return View(*names, found["left"], right_px, accepted=True, reason=""), (width, height)
+    return View(*names, left_px, right_px, accepted=True, reason="", remark=remark), (width, height)
 
 
 def _grey(image: Photograph) -> NDArray[np.uint8]:
@@ -129,20 +130,15 @@ def _grey(image: Photograph) -> NDArray[np.uint8]:
     return grey(image if isinstance(image, np.ndarray) else read_image(image))
 
 
-def _in_the_order_of(left: Points, right: Points, board: Chessboard) -> Points:
-    """The right corners in the left's order: a board without a mark can be read from either end."""
-    columns = board.columns
-
-    def first_row(corners: Points) -> Points:
-        return corners[columns - 1] - corners[0]
-
-    a, b = first_row(left), first_row(right)
-    cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
-    return right[::-1].copy() if cosine < np.cos(np.radians(_FLIP_DEGREES)) else right
+def _workers(threads: int | None) -> int:
+    """As many as asked for or as there are cores, at most EPILINE_THREADS."""
+    wanted = threads or os.cpu_count() or 1
+    cap = os.environ.get("EPILINE_THREADS", "")
+    return min(wanted, int(cap)) if cap.isdecimal() and int(cap) > 0 else wanted
 
 
 def _of_size(view: View, own: tuple[int, int] | None, size: tuple[int, int]) -> View:
     if own is None or own == size:
         return view
     reason = f"is {own[0]}x{own[1]} px, most photographs are {size[0]}x{size[1]} px"
-    return View(view.name_left, view.name_right, view.left_px, view.right_px, accepted=False, reason=reason)
+    return replace(view, accepted=False, reason=reason)
