@@ -1,16 +1,19 @@
 //! From corners to a calibrated pair; Tsai's method for one camera.
 
 use epiline::Error;
+use epiline::calibration::tsai::{self, Sensor, TsaiCalibration, TsaiCamera, TsaiSigma};
 use epiline::calibration::{self, BoardView, BundleOptions, LensModel, Loss};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-use crate::camera::PyStereoCalibration;
+use crate::camera::{PyStereoCalibration, matrix_array};
 use crate::convert::{OrRaise, rows_of};
 
 /// Adds this file's functions to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    module.add_function(wrap_pyfunction!(calibrate_points, module)?)
+    module.add_function(wrap_pyfunction!(calibrate_points, module)?)?;
+    module.add_function(wrap_pyfunction!(tsai_calibrate, module)?)
 }
 
 /// The value that a word stands for, or a ValueError with the choices.
@@ -91,7 +94,77 @@ fn calibrate_points(
     }
     let fit = || match method {
         Method::Bundle => calibration::calibrate(&views, image_size, &options),
-        Method::Tsai => unimplemented!(),
+        Method::Tsai => tsai::calibrate_rig(&views, image_size, &options),
     };
     py.detach(fit).map(PyStereoCalibration).or_raise()
+}
+
+/// Tsai's calibration of one camera; ``epiline.tsai.calibrate`` is the public face of it.
+///
+/// Parameters
+/// ----------
+/// world_mm : (N, 3) array_like
+///     World points, millimetres; right-handed.
+/// pixels : (N, 2) array_like
+///     Where the camera saw them.
+/// cx, cy, sx, dpx_mm, dpy_mm : float
+///     Principal point (pixels), horizontal scale, effective pixel pitch.
+/// full : bool
+///     Refine everything to the minimum of the squared pixel distances.
+///
+/// Returns
+/// -------
+/// dict
+///     f, kappa1, Cx, Cy, sx, Tx, Ty, Tz, Rx, Ry, Rz, R, sse_px2, condition, coplanar, sigma; mm, pixels, radians.
+///
+/// Raises
+/// ------
+/// ValueError
+///     Numbers that are not finite, lists of different length, too few points.
+/// epiline.Error
+///     The points do not determine the camera, with the reason.
+#[pyfunction]
+#[pyo3(signature = (world_mm, pixels, *, cx, cy, sx, dpx_mm, dpy_mm, full))]
+#[expect(clippy::too_many_arguments, reason = "the keyword arguments of the Python function")]
+fn tsai_calibrate<'py>(
+    py: Python<'py>,
+    world_mm: &Bound<'py, PyAny>,
+    pixels: &Bound<'py, PyAny>,
+    cx: f64,
+    cy: f64,
+    sx: f64,
+    dpx_mm: f64,
+    dpy_mm: f64,
+    full: bool,
+) -> PyResult<Bound<'py, PyDict>> {
+    let world_mm = rows_of::<3>("world_mm", world_mm)?;
+    let pixels = rows_of::<2>("pixels", pixels)?;
+    let sensor = Sensor { dpx_mm, dpy_mm, cx, cy, sx };
+    let found = py.detach(|| tsai::calibrate(&world_mm, &pixels, &sensor, full)).or_raise()?;
+    let TsaiCalibration { camera, sse_px2, condition, coplanar, sigma } = found;
+    let TsaiCamera { f_mm, kappa1, sensor: Sensor { cx, cy, sx, .. }, camera_from_world } = camera;
+    let result = PyDict::new(py);
+    set_parameters(&result, [f_mm, kappa1, cx, cy, sx], camera.translation_mm(), camera.angles())?;
+    result.set_item("R", matrix_array(py, &camera_from_world.rotation))?;
+    result.set_item("sse_px2", sse_px2)?;
+    result.set_item("condition", condition)?;
+    result.set_item("coplanar", coplanar)?;
+    let sigmas = PyDict::new(py);
+    if let Some(TsaiSigma { f_mm, kappa1, cx, cy, sx, translation_mm, angles }) = sigma {
+        set_parameters(&sigmas, [f_mm, kappa1, cx, cy, sx], translation_mm, angles)?;
+    }
+    result.set_item("sigma", sigmas)?;
+    Ok(result)
+}
+
+/// Enters the eleven parameters under Tsai's names.
+fn set_parameters(
+    dict: &Bound<'_, PyDict>,
+    intrinsics: [f64; 5],
+    translation_mm: [f64; 3],
+    angles: [f64; 3],
+) -> PyResult<()> {
+    let names = ["f", "kappa1", "Cx", "Cy", "sx", "Tx", "Ty", "Tz", "Rx", "Ry", "Rz"];
+    let values = intrinsics.into_iter().chain(translation_mm).chain(angles);
+    names.into_iter().zip(values).try_for_each(|(name, value)| dict.set_item(name, value))
 }

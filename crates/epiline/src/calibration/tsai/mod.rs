@@ -72,6 +72,11 @@ impl TsaiCamera {
         Some([sx * undistorted.x * shrink / dpx_mm + cx, undistorted.y * shrink / dpy_mm + cy])
     }
 
+    /// Tx, Ty, Tz, mm.
+    pub fn translation_mm(&self) -> [f64; 3] {
+        (self.camera_from_world.translation_m / M_PER_MM).into()
+    }
+
     /// Rx, Ry, Rz of `R = Rz·Ry·Rx`, radians.
     pub fn angles(&self) -> [f64; 3] {
         angles(&self.camera_from_world.rotation)
