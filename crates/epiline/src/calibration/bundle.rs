@@ -40,7 +40,11 @@ pub fn calibrate(
     Ok(calibration)
 }
 
-fn fit(views: &[BoardView], image_size: (usize, usize), options: &BundleOptions) -> Result<StereoCalibration> {
+fn fit(
+    views: &[BoardView],
+    image_size: (usize, usize),
+    options: &BundleOptions,
+) -> Result<StereoCalibration> {
     let left = refined_camera("left", views, |v| &v.left_px, image_size, options.lens)?;
     let right = refined_camera("right", views, |v| &v.right_px, image_size, options.lens)?;
     let estimate = Estimate {
@@ -99,6 +103,7 @@ fn refined_camera(
         left_from_board: camera_from_board,
     };
     let free: Vec<bool> = free_intrinsics(lens).into_iter().chain([false; K + 6]).collect();
-    let refined = Bundle::new(&BrownConrady, &alone, &free).minimise(estimate, Huber::SQUARED, TOLERANCE).estimate;
+    let refined =
+        Bundle::new(&BrownConrady, &alone, &free).minimise(estimate, Huber::SQUARED, TOLERANCE).estimate;
     Ok(RefinedCamera { intrinsics: refined.intrinsics[0], camera_from_board: refined.left_from_board })
 }

@@ -44,7 +44,10 @@ pub(super) fn mean_error_px(
 }
 
 /// (Sum of |vertical disparity| after rectification, number of corners) over views, pixels.
-pub(super) fn epipolar_error_px(calibration: &StereoCalibration, views: &[BoardView]) -> Result<(f64, usize)> {
+pub(super) fn epipolar_error_px(
+    calibration: &StereoCalibration,
+    views: &[BoardView],
+) -> Result<(f64, usize)> {
     let frame = AlignedFrame::of(&calibration.right_from_left)?;
     let focal_px = AlignedFrame::common_focal_px(&calibration.left, &calibration.right);
     let (mut sum, mut corners) = (0.0, 0);

@@ -16,7 +16,8 @@ impl Normalisation {
         let count = points.clone().count() as f64;
         let center = points.clone().sum::<Vector2<f64>>() / count;
         let spread = points.map(|p| (p - center).norm()).sum::<f64>() / count;
-        (spread > 0.0 && spread.is_finite()).then(|| Self { center, scale: std::f64::consts::SQRT_2 / spread })
+        (spread > 0.0 && spread.is_finite())
+            .then(|| Self { center, scale: std::f64::consts::SQRT_2 / spread })
     }
 
     fn apply(&self, point: Vector2<f64>) -> Vector2<f64> {
@@ -81,11 +82,13 @@ fn conic_row(a: &Vector3<f64>, b: &Vector3<f64>) -> SVector<f64, 5> {
 }
 
 /// Columns of a homography for pixels moved to the image centre and divided by the image size.
-fn centred_columns(homography: &Matrix3<f64>, (width, height): (usize, usize)) -> (Vector3<f64>, Vector3<f64>, f64) {
+fn centred_columns(
+    homography: &Matrix3<f64>,
+    (width, height): (usize, usize),
+) -> (Vector3<f64>, Vector3<f64>, f64) {
     let scale = 1.0 / (width.max(height) as f64);
     let (cx, cy) = (0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0));
-    let centred =
-        Matrix3::new(scale, 0.0, -scale * cx, 0.0, scale, -scale * cy, 0.0, 0.0, 1.0) * homography;
+    let centred = Matrix3::new(scale, 0.0, -scale * cx, 0.0, scale, -scale * cy, 0.0, 0.0, 1.0) * homography;
     (centred.column(0).into_owned(), centred.column(1).into_owned(), scale)
 }
 
@@ -104,7 +107,8 @@ pub(super) fn zhang(homographies: &[Matrix3<f64>], size: (usize, usize)) -> Opti
         normal.ger(weight, &equal_length, &equal_length, 1.0);
     }
     let eigen = normal.symmetric_eigen();
-    let [b11, b22, b13, b23, b33]: [f64; 5] = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned().into();
+    let [b11, b22, b13, b23, b33]: [f64; 5] =
+        eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned().into();
     let (x, y) = (-b13 / b11, -b23 / b22);
     let lambda = b33 - b13 * b13 / b11 - b23 * b23 / b22;
     let (fx2, fy2) = (lambda / b11, lambda / b22);

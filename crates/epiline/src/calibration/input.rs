@@ -52,7 +52,12 @@ pub(super) fn check_loss(loss: Loss) -> Result<()> {
     }
 }
 
-fn check_pixels(name: &'static str, view: usize, list: &[[f64; 2]], (width, height): (usize, usize)) -> Result<()> {
+fn check_pixels(
+    name: &'static str,
+    view: usize,
+    list: &[[f64; 2]],
+    (width, height): (usize, usize),
+) -> Result<()> {
     for (c, [x, y]) in list.iter().enumerate() {
         let place = || format!("({x}, {y}) px at view {view}, corner {c}");
         if !(x.is_finite() && y.is_finite()) {

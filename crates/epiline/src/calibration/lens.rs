@@ -94,7 +94,11 @@ pub(super) mod tests {
     use super::*;
 
     /// Compares a lens's derivatives with central differences.
-    pub fn check_derivatives<const K: usize>(lens: &impl Lens<K>, intrinsics: SVector<f64, K>, point: Vector3<f64>) {
+    pub fn check_derivatives<const K: usize>(
+        lens: &impl Lens<K>,
+        intrinsics: SVector<f64, K>,
+        point: Vector3<f64>,
+    ) {
         let at = lens.project(&intrinsics, &point).expect("in view");
         for column in 0..3 {
             let h = 1e-6;
@@ -122,6 +126,9 @@ pub(super) mod tests {
     fn brown_conrady_derivatives_match_central_differences() {
         let intrinsics = SVector::from([533.0, 536.0, 342.0, 235.0, -0.29, 0.11, 1.3e-3, -4e-4, 0.02]);
         check_derivatives(&BrownConrady, intrinsics, Vector3::new(0.11, -0.08, 0.31));
-        assert!(BrownConrady.project(&intrinsics, &Vector3::new(0.1, 0.1, -0.3)).is_none(), "behind the camera");
+        assert!(
+            BrownConrady.project(&intrinsics, &Vector3::new(0.1, 0.1, -0.3)).is_none(),
+            "behind the camera"
+        );
     }
 }

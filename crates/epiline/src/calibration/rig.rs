@@ -225,12 +225,8 @@ pub(super) fn finish<const K: usize>(
 /// A view whose grid was found from the other end, or not at all, is far from all others.
 fn require_consistent_views(view_rms_px: &[[f64; 2]]) -> Result<()> {
     let mut worst: Vec<f64> = view_rms_px.iter().map(|[left, right]| left.max(*right)).collect();
-    let (view, rms_px) = worst
-        .iter()
-        .copied()
-        .enumerate()
-        .max_by(|a, b| a.1.total_cmp(&b.1))
-        .unwrap_or((0, 0.0));
+    let (view, rms_px) =
+        worst.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0));
     let middle = worst.len() / 2;
     let median_px = *worst.select_nth_unstable_by(middle, f64::total_cmp).1;
     if rms_px > 5.0 && rms_px > 10.0 * median_px {

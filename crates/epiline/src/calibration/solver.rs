@@ -242,8 +242,13 @@ impl<'a, L: Lens<K>, const K: usize> Bundle<'a, L, K> {
                     continue;
                 }
                 let pose = estimate.camera_from_board(camera, v);
-                let local =
-                    self.accumulate(view.board_m, view.pixels[camera], &estimate.intrinsics[camera], &pose, loss)?;
+                let local = self.accumulate(
+                    view.board_m,
+                    view.pixels[camera],
+                    &estimate.intrinsics[camera],
+                    &pose,
+                    loss,
+                )?;
                 system.cost += local.cost;
                 if camera == 0 {
                     block.pose += local.pose;
@@ -286,14 +291,8 @@ impl<'a, L: Lens<K>, const K: usize> Bundle<'a, L, K> {
                 let slope = Vector3::new(by_point[(row, 0)], by_point[(row, 1)], by_point[(row, 2)]);
                 // slope · (δ x turned) = δ · (turned x slope)
                 let by_rotation = turned.cross(&slope);
-                let by_pose = Vector6::new(
-                    by_rotation.x,
-                    by_rotation.y,
-                    by_rotation.z,
-                    slope.x,
-                    slope.y,
-                    slope.z,
-                );
+                let by_pose =
+                    Vector6::new(by_rotation.x, by_rotation.y, by_rotation.z, slope.x, slope.y, slope.z);
                 let by_intrinsics: SVector<f64, K> = by_intrinsics.row(row).transpose();
                 let weighted_pose = by_pose * weight;
                 let weighted_intrinsics = by_intrinsics * weight;

@@ -22,7 +22,9 @@ pub(super) fn homographies<'a>(
         .enumerate()
         .map(|(v, (board_m, pixels))| {
             homography::fit(board_m, pixels).ok_or_else(|| {
-                let reason = format!("the {camera} corners of view {v} lie on a line or a point; a board must be spread out");
+                let reason = format!(
+                    "the {camera} corners of view {v} lie on a line or a point; a board must be spread out"
+                );
                 Error::degenerate("calibration", reason)
             })
         })
@@ -62,7 +64,10 @@ pub(super) fn camera<'a>(
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, start)| start)
         .ok_or_else(|| {
-            Error::degenerate("calibration", "no camera in front of the boards explains the corners".to_owned())
+            Error::degenerate(
+                "calibration",
+                "no camera in front of the boards explains the corners".to_owned(),
+            )
         })
 }
 
@@ -97,8 +102,7 @@ pub(super) fn right_from_left(left_from_board: &[Pose], right_from_board: &[Pose
     // Chordal distance of the rotations, and of the translations in units of the baseline; capped per pair, so
     // that a wild view counts as wild and no more.
     let disagreement = |a: &Pose, b: &Pose| {
-        let distance =
-            (a.rotation - b.rotation).norm() + (a.translation_m - b.translation_m).norm() / length;
+        let distance = (a.rotation - b.rotation).norm() + (a.translation_m - b.translation_m).norm() / length;
         distance.min(1.0)
     };
     let total = |a: &Pose| poses.iter().map(|b| disagreement(a, b)).sum::<f64>();
