@@ -1,5 +1,6 @@
 //! Regions of the disparity map: boxes, and what is read from them per column and as a whole.
 
+mod plane;
 mod profile;
 mod surface;
 mod u_disparity;

@@ -3,18 +3,18 @@
 //! ```text
 //! for each column: the nearest 1-px window of disparity with enough pixels in this and 5 columns on either side
 //! seed   = the column whose window is nearest in metres
-//! plane  = d(x, y) fitted to the seed's pixels                 (a plane in space is one in disparity)
+//! plane  = disparity over column and row, fitted to the seed's pixels
 //! repeat: extend left and right while columns hold pixels of the plane; fit again
+//! look closer: fit to the near end alone
 //! answer = the range on the plane that as many of its pixels as are demanded for support reach
 //! ```
 //!
 //! A fitted surface, not the smallest of many noisy values: the smallest of 320 columns would be 2–3 sigma too near.
 //! The plane follows a floor or a wall seen at an angle to its nearest edge, where an average would report its middle.
 
-use nalgebra::{Matrix3, Vector3};
-
 use super::Region;
-use super::profile::{ProfileParams, finite_range_m};
+use super::plane::{Member, Plane, Scene, TOLERANCE_PX};
+use super::profile::ProfileParams;
 use super::u_disparity::UDisparity;
 use crate::matching::DisparityMap;
 use crate::range::depth_sigma_m;
@@ -42,12 +42,11 @@ pub struct NearestSurface {
 const REACH: usize = 5;
 /// A surface needs this many times a column's support.
 const SURFACE_SUPPORT: usize = 10;
-/// Pixels this far off the plane do not belong to it, px.
-const TOLERANCE_PX: f64 = 0.75;
-/// Prior for the plane's slopes, as pixels of evidence: holds a surface of a few pixels level.
-const SLOPE_PRIOR: f64 = 1.0;
 /// How far a window's mean disparity may be off its surface's, px.
 const WINDOW_ERROR_PX: f64 = 0.5;
+/// How much disparity the near end of a surface spans, px.
+const NEAR_END_PX: f64 = 2.0;
+const MAX_FITS: usize = 16;
 /// Surfaces fitted: among those equally near within [`WINDOW_ERROR_PX`] only the fit can tell.
 const MAX_SURFACES: usize = 4;
 
@@ -62,46 +61,13 @@ struct Window {
     settled: bool,
 }
 
-/// A pixel of a surface, and the range the surface has there.
+/// A pixel of a surface: what the surface's disparity is there, and how near that is ([`Scene::distance`]).
 #[derive(Debug, Clone, Copy)]
-struct Member {
+struct Point {
     x: usize,
     y: usize,
     disparity_px: f64,
-    /// What is smaller where the surface is nearer: range in metres, or minus disparity without geometry.
     distance: f64,
-}
-
-/// `d = offset + by_x·(x - center.0) + by_y·(y - center.1)`.
-#[derive(Debug, Clone, Copy)]
-struct Plane {
-    center: (f64, f64),
-    coefficients: Vector3<f64>,
-}
-
-impl Plane {
-    fn at(&self, x: usize, y: usize) -> f64 {
-        let [offset, by_x, by_y] = self.coefficients.into();
-        offset + by_x * (x as f64 - self.center.0) + by_y * (y as f64 - self.center.1)
-    }
-
-    /// Least squares; `None` without pixels.
-    fn fit(members: &[Member]) -> Option<Self> {
-        if members.is_empty() {
-            return None;
-        }
-        let count = members.len() as f64;
-        let mean = |of: fn(&Member) -> f64| members.iter().map(of).sum::<f64>() / count;
-        let center = (mean(|m| m.x as f64), mean(|m| m.y as f64));
-        let mut normal = Matrix3::from_diagonal(&Vector3::new(0.0, SLOPE_PRIOR, SLOPE_PRIOR));
-        let mut right_side = Vector3::zeros();
-        for member in members {
-            let row = Vector3::new(1.0, member.x as f64 - center.0, member.y as f64 - center.1);
-            normal += row * row.transpose();
-            right_side += row * member.disparity_px;
-        }
-        normal.cholesky().map(|factor| Self { center, coefficients: factor.solve(&right_side) })
-    }
 }
 
 /// Finds nearest surfaces; keeps its buffers from frame to frame.
@@ -112,6 +78,7 @@ pub(super) struct SurfaceFinder {
     /// Distance of each column's window; NaN where there is none, or a surface has taken it.
     distances: Vec<f64>,
     members: Vec<Member>,
+    points: Vec<Point>,
 }
 
 impl SurfaceFinder {
@@ -123,28 +90,34 @@ impl SurfaceFinder {
         region: &Region,
         params: &ProfileParams,
     ) -> Option<NearestSurface> {
+        let scene = Scene { disparity, geometry, region, params };
         let support = (SURFACE_SUPPORT * params.min_support).min(region.width * region.height / 4).max(1);
         self.u_disparity.count(disparity, region);
         self.find_windows(support as u32);
-        self.measure_windows(geometry, region);
+        self.distances.clear();
+        for x in 0..region.width {
+            let found = self.windows[x].count > 0;
+            let distance = if found { self.window_distance(&scene, x, 0.0) } else { f64::NAN };
+            self.distances.push(distance);
+        }
 
-        let mut nearest: Option<(f64, NearestSurface)> = None;
+        let mut nearest: Option<(Point, usize)> = None;
         for _ in 0..MAX_SURFACES {
             let seed = (0..region.width)
                 .filter(|&x| self.distances[x].is_finite())
                 .min_by(|&one, &other| self.distances[one].total_cmp(&self.distances[other]));
             let Some(seed) = seed else { break };
-            let at_best = self.window_distance(geometry, region, seed, WINDOW_ERROR_PX);
-            if nearest.is_some_and(|(distance, _)| at_best > distance) {
+            let at_best = self.window_distance(&scene, seed, WINDOW_ERROR_PX);
+            if nearest.is_some_and(|(point, _)| at_best > point.distance) {
                 break;
             }
-            if let Some(found) = self.fit(disparity, geometry, region, params, seed, support)
-                && nearest.is_none_or(|(distance, _)| found.0 < distance)
+            if let Some(found) = self.grow(&scene, seed, support)
+                && nearest.is_none_or(|(point, _)| found.0.distance < point.distance)
             {
                 nearest = Some(found);
             }
         }
-        nearest.map(|(_, surface)| surface)
+        nearest.map(|(point, support)| describe(&scene, point, support))
     }
 
     /// For each column the nearest pair of bins with `support` pixels within [`REACH`] columns.
@@ -195,132 +168,88 @@ impl SurfaceFinder {
         sum_px / count
     }
 
-    fn measure_windows(&mut self, geometry: Option<&RectifiedGeometry>, region: &Region) {
-        self.distances.clear();
-        for x in 0..region.width {
-            let found = self.windows[x].count > 0;
-            self.distances.push(if found {
-                self.window_distance(geometry, region, x, 0.0)
-            } else {
-                f64::NAN
-            });
-        }
-    }
-
     /// Distance of a column's window if its disparity were `more_px` larger than it seems.
-    fn window_distance(
-        &self,
-        geometry: Option<&RectifiedGeometry>,
-        region: &Region,
-        x: usize,
-        more_px: f64,
-    ) -> f64 {
-        let middle_row = region.y as f64 + 0.5 * (region.height - 1) as f64;
-        distance(geometry, self.window_px(x) + more_px, (region.x + x) as f64, middle_row)
+    fn window_distance(&self, scene: &Scene<'_>, x: usize, more_px: f64) -> f64 {
+        let middle_row = scene.region.y as f64 + 0.5 * (scene.region.height - 1) as f64;
+        scene.distance(self.window_px(x) + more_px, (scene.region.x + x) as f64, middle_row)
     }
 
-    /// Grows the surface at column `seed`, takes its columns' windows away, and finds its nearest point.
-    fn fit(
-        &mut self,
-        disparity: &DisparityMap,
-        geometry: Option<&RectifiedGeometry>,
-        region: &Region,
-        params: &ProfileParams,
-        seed: usize,
-        support: usize,
-    ) -> Option<(f64, NearestSurface)> {
-        let seed_px = self.window_px(seed);
-        let mut left = seed.saturating_sub(REACH);
-        let mut right = (seed + REACH).min(region.width - 1);
-        let mut plane = Plane { center: (0.0, 0.0), coefficients: Vector3::new(seed_px, 0.0, 0.0) };
+    /// Grows the surface at column `seed` of the region, takes its columns' windows away, and finds its nearest
+    /// point and how many pixels it has.
+    fn grow(&mut self, scene: &Scene<'_>, seed: usize, support: usize) -> Option<(Point, usize)> {
+        let Region { x: first, width, y: top, height, .. } = *scene.region;
+        let sigma_px = scene.params.disparity_sigma_px;
+        let last = first + width - 1;
+        let mut left = (first + seed).saturating_sub(REACH).max(first);
+        let mut right = (first + seed + REACH).min(last);
+        let mut plane = Plane::level(self.window_px(seed));
+        self.distances[seed] = f64::NAN;
         // A window is 1 px wide and its centre uncertain by a fraction: the first look is wider.
         let mut tolerance_px = 1.0;
-        loop {
-            self.members.clear();
-            for x in left..=right {
-                collect(disparity, region, x, &plane, tolerance_px, &mut self.members);
-            }
-            let Some(fitted) = Plane::fit(&self.members) else { break };
-            plane = fitted;
+        let mut members_before = 0;
+        for _ in 0..MAX_FITS {
+            scene.collect(left..=right, &plane, tolerance_px, &mut self.members);
+            plane = Plane::fit(&self.members, sigma_px)?;
             tolerance_px = TOLERANCE_PX;
             // Twice as wide at most before the next fit: slopes found on few columns do not carry far.
             let limit = right - left + 1;
-            let holds = |x: usize| {
-                let mut pixels = 0;
-                for_each_member(disparity, region, x, &plane, tolerance_px, |_| pixels += 1);
-                pixels >= params.min_support
-            };
-            let more_left = (0..left).rev().take(limit).take_while(|&x| holds(x)).count();
-            let more_right = (right + 1..region.width).take(limit).take_while(|&x| holds(x)).count();
+            let holds = |x: &usize| scene.column_holds(*x, &plane);
+            let more_left = (first..left).rev().take(limit).take_while(holds).count();
+            let more_right = (right + 1..=last).take(limit).take_while(holds).count();
             (left, right) = (left - more_left, right + more_right);
-            if more_left + more_right == 0 {
+            // A surface at an angle also gains rows as its slope comes out.
+            let settled = self.members.len().abs_diff(members_before) <= self.members.len() / 100;
+            if more_left + more_right == 0 && settled {
                 break;
             }
+            members_before = self.members.len();
         }
-        self.members.clear();
+
+        // Windows that look at this surface would only lead here again.
         for x in left..=right {
-            collect(disparity, region, x, &plane, tolerance_px, &mut self.members);
-        }
-        for x in left..=right {
-            if (plane.at(region.x + x, region.y + region.height / 2) - self.window_px(x)).abs() < 1.0 {
-                self.distances[x] = f64::NAN;
+            let ends = [plane.at(x, top), plane.at(x, top + height - 1)];
+            let (far, near) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+            if (far - 1.0..=near + 1.0).contains(&self.window_px(x - first)) {
+                self.distances[x - first] = f64::NAN;
             }
         }
-        self.distances[seed] = f64::NAN;
 
-        self.members.retain_mut(|member| {
-            member.disparity_px = plane.at(member.x, member.y);
-            member.distance = distance(geometry, member.disparity_px, member.x as f64, member.y as f64);
-            member.distance.is_finite()
-        });
-        if self.members.len() < support {
+        scene.collect(left..=right, &plane, TOLERANCE_PX, &mut self.members);
+        let pixels = self.members.len();
+        // What bends, or blends into another surface far behind, is still a plane at its near end.
+        let near_end_px = self.nearest_point(scene, &plane, support)?.disparity_px - NEAR_END_PX;
+        self.members.retain(|member| plane.at(member.x, member.y) >= near_end_px);
+        plane = Plane::fit(&self.members, sigma_px)?;
+        scene.collect(left..=right, &plane, TOLERANCE_PX, &mut self.members);
+        self.members.retain(|member| plane.at(member.x, member.y) >= near_end_px);
+        self.nearest_point(scene, &plane, support).map(|point| (point, pixels))
+    }
+
+    /// The point of the plane that `support` of the members are at least as near as; `None` if there are fewer.
+    fn nearest_point(&mut self, scene: &Scene<'_>, plane: &Plane, support: usize) -> Option<Point> {
+        self.points.clear();
+        for &Member { x, y, .. } in &self.members {
+            let disparity_px = plane.at(x, y);
+            let distance = scene.distance(disparity_px, x as f64, y as f64);
+            if distance.is_finite() {
+                self.points.push(Point { x, y, disparity_px, distance });
+            }
+        }
+        if self.points.len() < support {
             return None;
         }
-        let by_distance = |one: &Member, other: &Member| one.distance.total_cmp(&other.distance);
-        let (_, point, _) = self.members.select_nth_unstable_by(support - 1, by_distance);
-        let point = *point;
-        let (depth_m, range_m, sigma_m) = geometry.map_or((f64::NAN, f64::NAN, f64::NAN), |geometry| {
-            let depth_m = geometry.depth_m(point.disparity_px);
-            let ray = geometry.range_per_depth(point.x as f64, point.y as f64);
-            (depth_m, depth_m * ray, ray * depth_sigma_m(geometry, depth_m, params.disparity_sigma_px))
-        });
-        let (at, support) = ((point.x, point.y), self.members.len());
-        let disparity_px = point.disparity_px;
-        Some((point.distance, NearestSurface { disparity_px, depth_m, range_m, sigma_m, at, support }))
+        let by_distance = |one: &Point, other: &Point| one.distance.total_cmp(&other.distance);
+        Some(*self.points.select_nth_unstable_by(support - 1, by_distance).1)
     }
 }
 
-/// What is smaller where a surface is nearer; NaN where it has no place in front of the cameras.
-fn distance(geometry: Option<&RectifiedGeometry>, disparity_px: f64, x: f64, y: f64) -> f64 {
-    geometry.map_or(-disparity_px, |geometry| finite_range_m(geometry, disparity_px, x, y))
-}
-
-/// Calls `visit` with each pixel of a region's column that lies within `tolerance_px` of the plane.
-fn for_each_member(
-    disparity: &DisparityMap,
-    region: &Region,
-    column: usize,
-    plane: &Plane,
-    tolerance_px: f64,
-    mut visit: impl FnMut(Member),
-) {
-    let x = region.x + column;
-    for y in region.y..region.y + region.height {
-        if let Some(disparity_px) = disparity.at(x, y).map(f64::from)
-            && (disparity_px - plane.at(x, y)).abs() <= tolerance_px
-        {
-            visit(Member { x, y, disparity_px, distance: f64::NAN });
-        }
-    }
-}
-
-fn collect(
-    disparity: &DisparityMap,
-    region: &Region,
-    column: usize,
-    plane: &Plane,
-    tolerance_px: f64,
-    members: &mut Vec<Member>,
-) {
-    for_each_member(disparity, region, column, plane, tolerance_px, |member| members.push(member));
+fn describe(scene: &Scene<'_>, point: Point, support: usize) -> NearestSurface {
+    let (depth_m, range_m, sigma_m) = scene.geometry.map_or((f64::NAN, f64::NAN, f64::NAN), |geometry| {
+        let depth_m = geometry.depth_m(point.disparity_px);
+        let ray = geometry.range_per_depth(point.x as f64, point.y as f64);
+        let sigma_m = ray * depth_sigma_m(geometry, depth_m, scene.params.disparity_sigma_px);
+        (depth_m, depth_m * ray, sigma_m)
+    });
+    let disparity_px = point.disparity_px;
+    NearestSurface { disparity_px, depth_m, range_m, sigma_m, at: (point.x, point.y), support }
 }
