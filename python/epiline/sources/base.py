@@ -72,6 +72,7 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Frees files and devices; the source is not used afterwards."""
+        return
 
     def __enter__(self) -> Self:
         return self

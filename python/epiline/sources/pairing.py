@@ -27,7 +27,7 @@ FOLDER_NAMES = (
 )
 
 # A word of its own at its start ("left01", "a_right", "camLeft", but not "bright"), or one letter between separators.
-_WORD = re.compile(r"(?<![A-Za-z])(left|right)|(?<=[a-z])(Left|Right)", re.IGNORECASE)
+_WORD = re.compile(r"(?<![A-Za-z])(?i:left|right)|(?<=[a-z])(?:Left|Right)")
 _LETTER = re.compile(r"(?<![A-Za-z0-9])([lr])(?![A-Za-z])", re.IGNORECASE)
 _NUMBERED = re.compile(r"(?<![A-Za-z])(im|img|image|cam|camera)(_?0?)([0-9])(?![0-9])", re.IGNORECASE)
 # Companions of a pair in data sets, which are no photographs.

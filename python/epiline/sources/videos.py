@@ -23,9 +23,7 @@ class TwoVideos(Source):
         self._left, self._right = _Video(left), _Video(right)
         check_same_size(self._right.size, self._left.size, right, left)
         if None not in (self._left.frames, self._right.frames) and self._left.frames != self._right.frames:
-            raise ValueError(
-                f"lengths differ: {left} has {self._left.frames} frames, {right} has {self._right.frames}"
-            )
+            raise ValueError(f"lengths differ: {left} has {self._left.frames} frames, {right} has {self._right.frames}")
 
     @property
     def size(self) -> tuple[int, int]:

@@ -52,4 +52,5 @@ __all__ = [
     "true_raw",
     "true_view",
     "workshop",
+    "world_from_optical",
 ]

@@ -41,7 +41,7 @@ class BrownCamera:
         return np.stack([self.fx * x + self.cx, self.fy * y + self.cy], axis=-1)
 
     def rays(self, pixels: ArrayLike) -> Floats:
-        """Directions (..., 3) with z = 1 that project onto pixels (..., 2): the distortion inverted by Newton's method."""
+        """Directions (..., 3) with z = 1 that project onto pixels (..., 2): Newton's method on the distortion."""
         pixels = np.asarray(pixels, float)
         xd = (pixels[..., 0] - self.cx) / self.fx
         yd = (pixels[..., 1] - self.cy) / self.fy
@@ -76,10 +76,9 @@ class BrownCamera:
         k1, k2, p1, p2 = self.distortion
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * k2)
-        return (
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        )
+        xd: Floats = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        yd: Floats = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        return xd, yd
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,7 @@ class RigTruth:
 
     def right_from_left(self, points_m: ArrayLike) -> Floats:
         """Points (..., 3) of the left camera's frame in the right camera's."""
-        return np.asarray(points_m, float) @ self.rotation.T + self.translation_m
+        return np.asarray(np.asarray(points_m, float) @ self.rotation.T + self.translation_m, float)
 
 
 def default_rig(width: int, height: int) -> RigTruth:

@@ -30,7 +30,9 @@ class CameraPath:
         self._times = np.array([point.time_s for point in waypoints])
         if (np.diff(self._times) <= 0).any():
             raise ValueError("the times of a path's way-points must increase")
-        self._values = np.array([[*point.position_m, point.yaw_rad, point.pitch_rad, point.roll_rad] for point in waypoints])
+        self._values = np.array(
+            [[*point.position_m, point.yaw_rad, point.pitch_rad, point.roll_rad] for point in waypoints]
+        )
         self._slopes = np.gradient(self._values, self._times, axis=0)
 
     @property
@@ -54,13 +56,13 @@ class CameraPath:
 
 
 def drive_ahead() -> CameraPath:
-    """The demo's drive: four seconds, 1.3 m ahead with a gentle swerve, the eye half a metre above the floor."""
+    """The demo's drive: four seconds, 0.8 m ahead with a gentle swerve, the eye half a metre above the floor."""
     return CameraPath(
         [
             Waypoint(0.0, (0.00, 0.00, 0.50), 0.00, 0.004, 0.000),
-            Waypoint(1.0, (0.30, 0.03, 0.50), 0.05, 0.007, 0.004),
-            Waypoint(2.0, (0.64, 0.10, 0.50), 0.04, 0.002, -0.003),
-            Waypoint(3.0, (0.97, 0.18, 0.50), -0.03, 0.006, 0.002),
-            Waypoint(4.0, (1.30, 0.20, 0.50), -0.06, 0.004, 0.000),
+            Waypoint(1.0, (0.18, 0.03, 0.50), 0.05, 0.007, 0.004),
+            Waypoint(2.0, (0.39, 0.08, 0.50), 0.03, 0.002, -0.003),
+            Waypoint(3.0, (0.60, 0.09, 0.50), -0.03, 0.006, 0.002),
+            Waypoint(4.0, (0.80, 0.06, 0.50), -0.05, 0.004, 0.000),
         ]
     )

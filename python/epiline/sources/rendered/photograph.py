@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import BrownCamera, Floats
-from .raycast import Part, Rays, Tracer
+from .raycast import Part, Rays, Tracer, Window
 from .shading import board_parity, shade, surface_coordinates
 from .textures import Singles
 
@@ -37,7 +37,7 @@ class Sensor:
 
     def expose(self, radiance: Singles, rng: np.random.Generator) -> NDArray[np.uint8]:
         """The image (H, W, 3) uint8 of a radiance image."""
-        signal = _blur(radiance, self.blur_px) * np.float32(self.gain)
+        signal: Singles = _blur(radiance, self.blur_px) * np.float32(self.gain)
         deviation = np.sqrt(np.float32(self.read_noise**2) + np.float32(self.shot_noise) * signal)
         signal += deviation * rng.standard_normal(signal.shape, dtype=np.float32)
         return np.clip(np.rint(signal), 0, 255).astype(np.uint8)
@@ -90,7 +90,7 @@ def _features(
     tracer: Tracer, origin: Floats, rays: Rays, depth: Singles, surface: NDArray[np.int16]
 ) -> NDArray[np.int16]:
     """Surface numbers, with the squares of a board told apart."""
-    feature = surface * np.int16(2)
+    feature: NDArray[np.int16] = surface * np.int16(2)
     for number, face in enumerate(tracer.surfaces):
         if face.board is None:
             continue
@@ -115,7 +115,7 @@ def _edges(feature: NDArray[np.int16]) -> NDArray[np.bool_]:
 
 
 def _supersample(
-    tracer: Tracer, lens: Lens, world_from_camera: Floats, pixels: NDArray[np.intp], parts: list[Part]
+    tracer: Tracer, lens: Lens, world_from_camera: Floats, pixels: NDArray[np.intp], parts: list[Window]
 ) -> Singles:
     """Mean radiance (N, 3) over a regular grid of samples in each pixel."""
     offsets = (np.arange(EDGE_SAMPLES, dtype=np.float32) + np.float32(0.5)) / EDGE_SAMPLES - np.float32(0.5)
@@ -127,11 +127,12 @@ def _supersample(
     rows, cols = np.divmod(pixels, lens.shape[1])
     lists: list[Part] = []
     for part in parts:
-        if part is None or part is ...:
-            lists.append(part)
+        if part is None:
+            lists.append(None)
             continue
-        tall, wide = (span.indices(size) for span, size in zip(part, lens.shape, strict=True))  # type: ignore[union-attr]
-        inside = (rows >= tall[0]) & (rows < tall[1]) & (cols >= wide[0]) & (cols < wide[1])
+        tall, wide = part
+        (top, bottom, _), (left, right_end, _) = tall.indices(lens.shape[0]), wide.indices(lens.shape[1])
+        inside = (rows >= top) & (rows < bottom) & (cols >= left) & (cols < right_end)
         chosen = np.flatnonzero(inside)
         lists.append((slice(None), chosen) if chosen.size else None)
     origin = world_from_camera[:3, 3]
@@ -144,7 +145,7 @@ def _supersample(
 def _blur(image: Singles, sigma_px: float) -> Singles:
     """Gaussian blur, separable, borders repeated."""
     if sigma_px <= 0:
-        return image.copy()
+        return np.array(image)
     radius = max(1, int(np.ceil(3 * sigma_px)))
     weights = np.exp(-0.5 * (np.arange(radius + 1) / sigma_px) ** 2)
     weights = (weights / (weights[0] + 2 * weights[1:].sum())).astype(np.float32)

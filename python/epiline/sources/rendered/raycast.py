@@ -21,7 +21,8 @@ from .textures import Material
 AnyFloats: TypeAlias = NDArray[Any]
 Rays: TypeAlias = tuple[AnyFloats, AnyFloats, AnyFloats]
 # Which rays may meet a solid: a rectangle, a list, all of them, or none.
-Part: TypeAlias = tuple[slice, slice] | tuple[slice, NDArray[np.intp]] | EllipsisType | None
+Window: TypeAlias = tuple[slice, slice] | None
+Part: TypeAlias = Window | tuple[slice, NDArray[np.intp]] | EllipsisType
 
 _NEAR_M = 1e-3
 
@@ -66,7 +67,7 @@ class Tracer:
 
         `parts` says for each solid which rays can meet it at all.
         """
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             nearest, surface = _hit_room(self.scene.room, origin, rays)
             for hit, part in zip(self._hits, parts or [...] * len(self._hits), strict=True):
                 if part is None:
@@ -79,13 +80,13 @@ class Tracer:
                 surface[part] = np.where(closer, which, surface[part])
         return nearest, surface
 
-    def windows(self, world_from_view: Floats, x: AnyFloats, y: AnyFloats) -> list[Part]:
+    def windows(self, world_from_view: Floats, x: AnyFloats, y: AnyFloats) -> list[Window]:
         """For each solid the rectangle of an image whose rays (x, y, 1) can meet it; None where none can."""
         stride = 8
         coarse_x, coarse_y = x[::stride, ::stride], y[::stride, ::stride]
         # A ray between coarse ones is at most one cell away.
         cell = stride * 1.5 * max(np.abs(np.diff(x, axis=1)).max(), np.abs(np.diff(y, axis=0)).max())
-        parts: list[Part] = []
+        parts: list[Window] = []
         for solid in self.scene.solids:
             corners = (_extent(solid) - world_from_view[:3, 3]) @ world_from_view[:3, :3]
             if (corners[:, 2] <= 0).all():
@@ -155,6 +156,7 @@ def _hit_room(room: Room, origin: Floats, rays: Rays) -> tuple[AnyFloats, NDArra
     for start, ray, (low, high), (low_side, high_side) in zip(origin, rays, spans, sides, strict=True):
         upward = ray > 0
         at = np.where(upward, ray.dtype.type(high - start), ray.dtype.type(low - start)) / ray
+        at = np.where(ray == 0, ray.dtype.type(np.inf), at)  # along the side: never there
         side = np.where(upward, np.int16(high_side), np.int16(low_side))
         if nearest is None:
             nearest, surface = at, side

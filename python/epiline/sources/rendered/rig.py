@@ -156,7 +156,7 @@ class RenderedRig:
             radiance = render(tracer, self._lenses[side], poses[side])
             return sensors[side].expose(radiance, np.random.default_rng([self.seed, *stream, side]))
 
-        # NumPy lets go of the interpreter in its loops: two threads render both views in little more than half the time.
+        # NumPy lets go of the interpreter in its loops: two threads take little more than half the time.
         with ThreadPoolExecutor(2) as pool:
             left, right = pool.map(one, (0, 1))
         return left, right

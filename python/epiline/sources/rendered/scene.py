@@ -13,17 +13,18 @@ import numpy as np
 from .camera import Floats, rotation_xyz
 from .textures import Material
 
-CONCRETE = Material("concrete", ((52, 54, 56), (118, 122, 126), (182, 187, 190)))
+CONCRETE = Material("concrete", ((92, 96, 98), (140, 145, 148), (186, 191, 194)), scale=1.2)
 PLANKS = Material("planks", ((16, 26, 38), (52, 84, 122), (92, 142, 190), (138, 182, 222)))
 BRICKS = Material("bricks", ((172, 182, 188), (66, 82, 128), (78, 98, 164), (112, 136, 202), (150, 172, 224)))
 PLASTER = Material("plaster", ((120, 122, 112), (168, 172, 160), (206, 210, 200), (232, 236, 228)))
-TILES = Material("tiles", ((60, 60, 60), (150, 152, 152), (222, 224, 222)))
+TILES = Material("tiles", ((84, 86, 86), (178, 180, 180), (248, 250, 248)))
 CRATE = Material("planks", ((10, 22, 34), (40, 92, 140), (84, 150, 204), (140, 196, 236)), scale=0.8, border_m=0.055)
 CARDBOARD = Material("concrete", ((44, 74, 108), (84, 126, 168), (122, 166, 206)), scale=0.8, tape_m=0.06)
 HAZARD = Material("hazard", ((26, 24, 22), (44, 44, 44), (48, 190, 236), (90, 226, 255)))
 STEEL = Material("lockers", ((34, 30, 26), (120, 96, 66), (176, 142, 104), (206, 178, 140)))
 GREEN = Material("concrete", ((50, 82, 46), (92, 136, 84), (140, 182, 130)), scale=0.7)
 RED = Material("concrete", ((30, 28, 96), (52, 50, 168), (90, 92, 214)), scale=0.6)
+CHART = Material("hazard", ((70, 60, 44), (120, 96, 62), (176, 186, 190), (206, 212, 214)), scale=1.6)
 WHITEWASH = Material("plain", ((0, 0, 0), (200, 204, 200)))
 POSTS = Material("posts", ((70, 74, 78), (206, 208, 206)))
 
@@ -90,7 +91,7 @@ class Board:
     def corners_m(self) -> Floats:
         """Inner corners (rows·columns, 3) in the board's frame, row by row."""
         cols, rows = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
-        return np.stack([cols.ravel(), rows.ravel(), np.zeros(cols.size)], axis=1) * self.square_m
+        return np.stack([cols.ravel(), rows.ravel(), np.zeros(cols.size)], axis=1).astype(float) * self.square_m
 
     @property
     def card_m(self) -> tuple[float, float, float, float]:
@@ -140,12 +141,13 @@ class Scene:
 def workshop(seed: int = 0) -> Scene:
     """The demo's room: a robot's eye at half a metre, boxes and poles ahead of it between one and eight metres.
 
-    Heights are chosen so that the full-width bands of the paper, 20/240 to 50/240 of the image around its middle,
-    have different nearest obstacles: the low ones reach only into the higher bands.
+    What stands nearest in the full-width bands of the paper, 20/240 to 50/240 of the image around its middle, is
+    taller than the eye and crosses all of them: an edge that only grazes a band would belong to it or not by a row or
+    two, and no matcher with a window can say which. The toolbox stays below all bands.
     """
     solids: tuple[Solid, ...] = (
-        Box("toolbox", (2.35, -0.30, 0.17), (0.26, 0.46, 0.34), RED, yaw_rad=0.35),
-        Box("parcel", (3.05, 0.62, 0.21), (0.50, 0.62, 0.42), CARDBOARD, yaw_rad=-0.28),
+        Box("toolbox", (2.08, -0.33, 0.10), (0.24, 0.44, 0.20), RED, yaw_rad=0.35),
+        Box("parcel", (2.85, 0.65, 0.36), (0.50, 0.56, 0.72), CARDBOARD, yaw_rad=-0.22),
         Box("crate", (4.0, -1.25, 0.40), (0.80, 0.80, 0.80), CRATE, yaw_rad=0.30),
         Pole("bollard", 4.75, 0.22, 0.075, 1.05, HAZARD),
         Box("large crate", (5.7, 1.55, 0.50), (1.00, 1.00, 1.00), CRATE, yaw_rad=-0.42),
@@ -157,14 +159,14 @@ def workshop(seed: int = 0) -> Scene:
         Box("kerb", (6.6, 2.55, 0.04), (3.6, 0.12, 0.08), HAZARD),
         Box("stack", (8.5, -0.95, 0.35), (0.70, 0.60, 0.70), CARDBOARD, yaw_rad=0.5),
         Box("door", (10.99, 0.9, 1.05), (0.06, 1.00, 2.10), STEEL),
-        Box("poster", (10.995, -1.3, 1.75), (0.02, 1.10, 0.80), BRICKS),
+        Box("poster", (10.995, -1.3, 1.75), (0.02, 1.10, 0.80), CHART),
     )
-    lamps = (Lamp((1.5, 0.6, 2.8)), Lamp((5.0, -0.8, 2.8)), Lamp((8.6, 0.5, 2.8)))
+    lamps = (Lamp((1.2, 0.9, 2.7)), Lamp((4.8, -0.9, 2.7)), Lamp((8.6, 0.6, 2.7)))
     return Scene(
         Room((-3.0, 11.0), (-3.0, 3.0), 3.0),
         solids,
         lamps,
-        ambient=0.5,
+        ambient=0.62,
         seed=seed,
         decoration=frozenset({"door", "poster"}),
     )
@@ -183,5 +185,5 @@ def studio(board: Board, seed: int = 0) -> Scene:
         front=BRICKS,
     )
     above = room.height_m * 0.9
-    lamps = (Lamp((-0.3 * s, 0.5 * s, above), 0.7, 2 * s), Lamp((0.2 * s, -0.6 * s, above), 0.5, 2 * s))
+    lamps = (Lamp((-0.3 * s, 0.5 * s, above), 0.4, 2 * s), Lamp((0.2 * s, -0.6 * s, above), 0.3, 2 * s))
     return Scene(room, (board,), lamps, ambient=0.6, seed=seed)

@@ -18,7 +18,7 @@ from .textures import Singles, pattern
 _PROBES = 4
 _MAX_STRETCH = 8.0
 _STAIN_SCALE = 3.7
-INK, PAPER = 22.0, 225.0
+INK, PAPER = 20.0, 190.0
 
 
 def shade(
@@ -133,7 +133,7 @@ def _texture(
             offset = np.float32((probe + 0.5) / _PROBES - 0.5)
             total += picture.sample(su[rows] + offset * step_u, sv[rows] + offset * step_v, wide)
         value[rows] = total / np.float32(_PROBES)
-    color = material.ramp().take(np.clip(value * 255, 0, 255).astype(np.uint8), axis=0)
+    color: Singles = material.ramp().take(np.clip(value * 255, 0, 255).astype(np.uint8), axis=0)
     if material.pattern != "plain":
         # Large stains of a period that fits no tile: no two spots of a wall are alike.
         stains = pattern("concrete", seed)
@@ -152,15 +152,14 @@ def _texture(
 
 def _ramp_down(signed_m: Singles, footprint: Singles) -> Singles:
     """1 where the signed distance is negative, 0 where positive, over one footprint."""
-    return np.clip(np.float32(0.5) - signed_m / footprint, 0, 1)
+    return np.asarray(np.clip(np.float32(0.5) - signed_m / footprint, 0, 1), np.float32)
 
 
 def _light(tracer: Tracer, points: Rays, normal: tuple[Any, Any, Any]) -> Any:
     """Ambient light, a little stronger from above, and Lambert's law for each lamp."""
-    px, py, pz = points
     nx, ny, nz = normal
     scene = tracer.scene
-    total = np.float32(scene.ambient) * (np.float32(0.92) + np.float32(0.08) * nz) + np.zeros_like(px)
+    total = np.float32(scene.ambient) * (np.float32(0.92) + np.float32(0.08) * nz) + np.zeros_like(points[0])
     for lamp in scene.lamps:
         lx, ly, lz = (np.float32(to) - p for to, p in zip(lamp.position_m, points, strict=True))
         distance2 = lx * lx + ly * ly + lz * lz
@@ -174,12 +173,12 @@ def _nearby_darkness(tracer: Tracer, surface: Surface, points: Rays) -> Singles:
     px, py, pz = points
     room = tracer.scene.room
     if surface.object_id >= 6:
-        return 1 - np.float32(0.35) * np.exp(-np.maximum(pz, 0) / np.float32(0.14))
+        return np.asarray(1 - np.float32(0.35) * np.exp(-np.maximum(pz, 0) / np.float32(0.14)), np.float32)
     gaps = []
     for axis, p, (low, high) in ((0, px, room.x_m), (1, py, room.y_m), (2, pz, (0.0, room.height_m))):
         if not surface.normal[axis]:
             gaps.append(np.minimum(p - np.float32(low), np.float32(high) - p))
-    dark = 1 - np.float32(0.3) * np.exp(-np.minimum(*gaps) / np.float32(0.35))
+    dark: Singles = 1 - np.float32(0.3) * np.exp(-np.minimum(*gaps) / np.float32(0.35))
     if surface.object_id == 0:
         for solid in tracer.scene.solids:
             _darken_around(dark, solid, px, py)

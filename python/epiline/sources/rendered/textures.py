@@ -29,7 +29,7 @@ class Pattern:
     tile_m: float
 
     def sample(self, u_m: Singles, v_m: Singles, footprint_m: Singles) -> Singles:
-        """Values at surface positions (N,), averaged over a footprint (N,), all in metres: trilinear (Williams 1983)."""
+        """Values at surface positions (N,), averaged over a footprint (N,), metres: trilinear (Williams 1983)."""
         level = np.log2(np.maximum(footprint_m * np.float32(TEXELS / self.tile_m), 1.0))
         np.minimum(level, np.float32(_LEVELS - 1.001), out=level)
         fine = level.astype(np.int32)
@@ -56,7 +56,7 @@ class Pattern:
         a += x * (take(upper + c1) - a)
         b += x * (take(lower + c1) - b)
         a += y * (b - a)
-        return a
+        return np.asarray(a, np.float32)
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def _fractal(seed: int) -> NDArray[np.float64]:
     total = np.zeros((TEXELS, TEXELS))
     for octave in range(2, 10):
         total += _value_noise(rng, 2**octave, 2**octave) * (0.75 if octave < 4 else 1.0)
-    return total / total.std()
+    return np.asarray(total / total.std(), float)
 
 
 def _value_noise(rng: np.random.Generator, rows: int, cols: int) -> NDArray[np.float64]:
@@ -147,7 +147,7 @@ def _per_cell(seed: int, salt: int, cells: NDArray[np.int64]) -> NDArray[np.floa
 def _groove(position: NDArray[np.float64], width: float) -> NDArray[np.float64]:
     """0 in a joint of that share of the cell, 1 elsewhere, with soft sides."""
     edge = np.minimum(position % 1, 1 - position % 1)
-    return np.clip(edge / width, 0, 1) ** 0.7
+    return np.asarray(np.clip(edge / width, 0, 1) ** 0.7, float)
 
 
 def _concrete(seed: int) -> NDArray[np.float64]:
@@ -198,7 +198,7 @@ def _hazard(seed: int) -> NDArray[np.float64]:
     """Slanting stripes, worn."""
     u, v = _grid()
     stripe = np.clip(np.sin(2 * np.pi * (4 * v + 4 * u)) * 6, -1, 1)
-    return 0.5 + 0.36 * stripe + 0.09 * np.roll(_fractal(seed), (201, 5), (0, 1))
+    return np.asarray(0.5 + 0.36 * stripe + 0.09 * np.roll(_fractal(seed), (201, 5), (0, 1)), float)
 
 
 def _lockers(seed: int) -> NDArray[np.float64]:
@@ -212,7 +212,7 @@ def _lockers(seed: int) -> NDArray[np.float64]:
 def _posts(seed: int) -> NDArray[np.float64]:
     """Upright bars of equal width: repeats along the scan-line, to try a matcher's judgement."""
     u, _ = _grid()
-    return 0.5 + 0.4 * np.clip(np.sin(2 * np.pi * 16 * u) * 4, -1, 1)
+    return np.asarray(0.5 + 0.4 * np.clip(np.sin(2 * np.pi * 16 * u) * 4, -1, 1), float)
 
 
 def _plain(seed: int) -> NDArray[np.float64]:

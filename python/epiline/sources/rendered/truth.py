@@ -122,9 +122,7 @@ class ViewTruth:
         return nearest_supported(self.range_m[max(y, 0) : y + height, max(x, 0) : x + width], min_pixels)
 
 
-def true_view(
-    scene: Scene | Tracer, world_from_view: Floats, directions: Floats
-) -> ViewTruth:
+def true_view(scene: Scene | Tracer, world_from_view: Floats, directions: Floats) -> ViewTruth:
     """Casts a view's rays (H, W, 3), z = 1, in double precision."""
     tracer = scene if isinstance(scene, Tracer) else Tracer(scene)
     turned = directions @ world_from_view[:3, :3].T
