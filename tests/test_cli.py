@@ -83,7 +83,7 @@ def test_run_writes_a_json_line_per_frame(rendered: Path, capsys: pytest.Capture
 def test_run_obeys_its_configuration(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = tmp_path / "run.toml"
     config.write_text(
-        '[matcher]\nblock_size = 7\n[pipeline]\nmax_range_m = 3\n'
+        "[matcher]\nblock_size = 7\n[pipeline]\nmax_range_m = 3\n"
         '[[regions]]\nname = "ahead"\nx = 100\ny = 90\nwidth = 120\nheight = 40\n'
     )
     text = output(
@@ -185,7 +185,9 @@ def test_board_that_is_nowhere(rendered: Path, capsys: pytest.CaptureFixture[str
     assert "no 9x6 board found in any of 2 pairs" in line
 
 
-def test_disparity_range_wider_than_the_image(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_disparity_range_wider_than_the_image(
+    rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     drive = rendered / "drive"
     line = failure(
         capsys, "match", drive / "left00.png", drive / "right00.png", "-o", tmp_path / "d.png", "--disparities", 400
@@ -211,9 +213,7 @@ def test_output_that_cannot_be_written(
 
 def test_swapped_cameras_are_recognised(rendered: Path, capsys: pytest.CaptureFixture[str]) -> None:
     left, right = (sorted((rendered / "boards").glob(f"{side}*")) for side in ("left", "right"))
-    line = failure(
-        capsys, "calibrate", "--left", *right, "--right", *left, "--board", "9x6", "--square", "4cm"
-    )
+    line = failure(capsys, "calibrate", "--left", *right, "--right", *left, "--board", "9x6", "--square", "4cm")
     assert "swapped" in line
 
 

@@ -83,7 +83,7 @@ def test_the_checker_sees_imports() -> None:
 
 def test_importing_epiline_loads_numpy_and_nothing_heavier() -> None:
     heavy = "cv2", "rich", "jinja2", "scipy", "matplotlib", "http", "asyncio"
-    code = f"import sys, numpy; before = set(sys.modules); import epiline; new = set(sys.modules) - before;"
+    code = "import sys, numpy; before = set(sys.modules); import epiline; new = set(sys.modules) - before;"
     code += f"print([m for m in new if m.split('.')[0] in {heavy!r}])"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert loaded.strip() == "[]"

@@ -61,10 +61,15 @@ def test_ply_has_the_points_and_colours(tmp_path: Path) -> None:
 
 def test_interrupted_jsonl_keeps_the_lines_it_has(tmp_path: Path) -> None:
     path = tmp_path / "run.jsonl"
-    with pytest.raises(KeyboardInterrupt), JsonLines.open(path) as sink:
-        sink._stream.write(json.dumps({"seq": 0}) + "\n")
-        assert not path.exists()
-        raise KeyboardInterrupt
+
+    def interrupted() -> None:
+        with JsonLines.open(path) as sink:
+            sink._stream.write(json.dumps({"seq": 0}) + "\n")
+            assert not path.exists()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert path.read_text() == '{"seq": 0}\n'
     assert os.listdir(tmp_path) == ["run.jsonl"]
 
@@ -80,7 +85,11 @@ def test_jsonl_flushes_each_line() -> None:
 
     stream = Counting()
     result = SimpleNamespace(
-        alignment=None, disparity=SimpleNamespace(density=0.5), profiles=[], obstacles=[], stage_ms={"match": float("nan")}
+        alignment=None,
+        disparity=SimpleNamespace(density=0.5),
+        profiles=[],
+        obstacles=[],
+        stage_ms={"match": float("nan")},
     )
     frame = SimpleNamespace(seq=3, name="x", left_stamp_nanos=None, right_stamp_nanos=7)
     JsonLines(stream).write(frame, result)  # type: ignore[arg-type]

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from epiline.sources import Frame, open_source, pair_lists, pair_mixed, pair_names, read_image
+from epiline._images import read_image
+from epiline.sources import Frame, open_source, pair_lists, pair_mixed, pair_names
 
 DATA = Path(os.environ.get("EPILINE_DATA", Path(__file__).resolve().parents[1] / "../shared/data"))
 

@@ -32,9 +32,7 @@ def gaussian_low_pass(image: NDArray[np.float32], *, sigma: float) -> NDArray[np
 
 @final
 class CameraModel:
-    def __new__(
-        cls, camera_matrix: ArrayLike, distortion: ArrayLike, *, width: int, height: int
-    ) -> CameraModel: ...
+    def __new__(cls, camera_matrix: ArrayLike, distortion: ArrayLike, *, width: int, height: int) -> CameraModel: ...
     @property
     def camera_matrix(self) -> Floats: ...
     @property
@@ -185,7 +183,9 @@ class AlignmentError:
     @property
     def right_px(self) -> Floats: ...
 
-def alignment_error(left: Image, right: Image, *, num_disparities: int = 192, max_offset_px: int = 8) -> AlignmentError: ...
+def alignment_error(
+    left: Image, right: Image, *, num_disparities: int = 192, max_offset_px: int = 8
+) -> AlignmentError: ...
 
 # ---- matching ----------------------------------------------------------------------------------
 

@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 
 StrPath: TypeAlias = str | os.PathLike[str]
 
-IMAGE_SUFFIXES = frozenset(
-    {".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp"}
-)
+IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp"})
 MAX_SIDE_PX = 16384
 
 _PNG = b"\x89PNG\r\n\x1a\n"

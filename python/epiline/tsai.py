@@ -1,4 +1,4 @@
-"""Tsai's calibration of one camera (1987), coplanar and non-coplanar, with the names of the paper and of Willson's code.
+"""Tsai's calibration of one camera (1987), coplanar and non-coplanar, as the paper and Willson's code name things.
 
 World coordinates are millimetres, right-handed; image x runs right, y down. With ``(xc, yc, zc) = R @ world + T``::
 

@@ -44,11 +44,25 @@ def positive(text: str) -> float:
 
 def add_matcher_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("matching")
-    group.add_argument("--disparities", type=whole(1), metavar="N", help="disparities to search, px (default: a sixth of the width)")
-    group.add_argument("--min-disparity", type=whole(0), default=0, metavar="N", help="smallest disparity searched, px (default 0)")
-    group.add_argument("--window", type=whole(1), default=TESTED["block_size"], metavar="N", help="side of the window, odd, px (default %(default)s)")
-    group.add_argument("--prefilter", choices=("xsobel", "none"), default="xsobel", help="before comparing (default %(default)s)")
-    group.add_argument("--no-tests", action="store_true", help="keep every pixel: no uniqueness, texture, left-right, speckle test")
+    group.add_argument(
+        "--disparities", type=whole(1), metavar="N", help="disparities to search, px (default: a sixth of the width)"
+    )
+    group.add_argument(
+        "--min-disparity", type=whole(0), default=0, metavar="N", help="smallest disparity searched, px (default 0)"
+    )
+    group.add_argument(
+        "--window",
+        type=whole(1),
+        default=TESTED["block_size"],
+        metavar="N",
+        help="side of the window, odd, px (default %(default)s)",
+    )
+    group.add_argument(
+        "--prefilter", choices=("xsobel", "none"), default="xsobel", help="before comparing (default %(default)s)"
+    )
+    group.add_argument(
+        "--no-tests", action="store_true", help="keep every pixel: no uniqueness, texture, left-right, speckle test"
+    )
     group.add_argument("--threads", type=whole(1), metavar="N", help="threads (default: all cores)")
 
 

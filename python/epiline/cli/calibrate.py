@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from epiline._core import StereoCalibration
 from epiline._operations import calibrate
-from epiline.cli.arguments import positive, whole
+from epiline.cli.arguments import whole
 from epiline.cli.console import note, print_json, print_table, progress, say
 from epiline.targets.boards import Chessboard, parse_board, parse_length
 from epiline.verdict import Verdict, judge
@@ -21,17 +21,31 @@ _DEPTHS_M = (1.0, 2.0, 4.0, 8.0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("images", nargs="*", metavar="IMAGES", help="a folder of pairs, two folders or globs, or image files")
+    parser.add_argument(
+        "images", nargs="*", metavar="IMAGES", help="a folder of pairs, two folders or globs, or image files"
+    )
     parser.add_argument("--left", nargs="+", metavar="IMAGE", help="left photographs, instead of IMAGES")
     parser.add_argument("--right", nargs="+", metavar="IMAGE", help="right photographs, instead of IMAGES")
     parser.add_argument("--board", required=True, metavar="9x6", help="inner corners, columns x rows")
     parser.add_argument("--square", required=True, metavar="25mm", help="side of a square: 25mm, 2.5cm, 0.025m")
     parser.add_argument("-o", "--output", type=Path, metavar="RIG", help="write the rig (YAML)")
     parser.add_argument("--method", choices=("bundle", "tsai"), default="bundle", help="default %(default)s")
-    parser.add_argument("--model", choices=("brown4", "brown5"), default="brown4", help="lens: k1 k2 p1 p2, or with k3 (default %(default)s)")
+    parser.add_argument(
+        "--model",
+        choices=("brown4", "brown5"),
+        default="brown4",
+        help="lens: k1 k2 p1 p2, or with k3 (default %(default)s)",
+    )
     parser.add_argument("--loss", choices=("huber", "squared"), default="huber", help="default %(default)s")
-    parser.add_argument("--half-window", type=whole(1), metavar="PX", help="corner refinement window, half its side (default: follows the board)")
-    parser.add_argument("--threads", type=whole(1), metavar="N", help="threads that look for boards (default: all cores)")
+    parser.add_argument(
+        "--half-window",
+        type=whole(1),
+        metavar="PX",
+        help="corner refinement window, half its side (default: follows the board)",
+    )
+    parser.add_argument(
+        "--threads", type=whole(1), metavar="N", help="threads that look for boards (default: all cores)"
+    )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a page with coverage, views and uncertainty")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
@@ -64,7 +78,9 @@ def _photographs(args: argparse.Namespace) -> tuple[Sequence[Path], Sequence[Pat
         raise ValueError("give either IMAGES or both --left and --right")
     if args.left:
         if len(args.left) != len(args.right):
-            raise ValueError(f"--left has {len(args.left)} photographs, --right {len(args.right)}; each needs its partner")
+            raise ValueError(
+                f"--left has {len(args.left)} photographs, --right {len(args.right)}; each needs its partner"
+            )
         return [Path(p) for p in args.left], [Path(p) for p in args.right]
     source = open_source(args.images, unpaired="skip")
     if not isinstance(source, ImagePairs):
@@ -98,7 +114,10 @@ def print_calibration(calibration: StereoCalibration, observations: Observations
     for side, camera in (("left", calibration.left), ("right", calibration.right)):
         matrix = camera.camera_matrix
         values = (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
-        cells = [f"{v:.2f} ± {sigma.get(f'{side}_{n}', float('nan')):.2f}" for n, v in zip(("fx", "fy", "cx", "cy"), values, strict=True)]
+        cells = [
+            f"{v:.2f} ± {sigma.get(f'{side}_{n}', float('nan')):.2f}"
+            for n, v in zip(("fx", "fy", "cx", "cy"), values, strict=True)
+        ]
         cameras.append((side, *cells, " ".join(f"{c:.4g}" for c in camera.distortion)))
     print_table("cameras, px", ("", "fx", "fy", "cx", "cy", "k1 k2 p1 p2 k3"), cameras)
     baseline_sigma_mm = 1e3 * sigma.get("translation_x_m", float("nan"))

@@ -32,10 +32,23 @@ _CURVE_POINTS = 5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-o", "--output", type=Path, default=Path("epiline-demo"), metavar="FOLDER", help="for report.html and rig.yaml (default %(default)s)")
-    parser.add_argument("--frames", type=whole(1), default=6, metavar="N", help="frames of the drive (default %(default)s)")
-    parser.add_argument("--boards", type=whole(3), default=16, metavar="N", help="photographs of the board (default %(default)s)")
-    parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="another world, other noise (default %(default)s)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("epiline-demo"),
+        metavar="FOLDER",
+        help="for report.html and rig.yaml (default %(default)s)",
+    )
+    parser.add_argument(
+        "--frames", type=whole(1), default=6, metavar="N", help="frames of the drive (default %(default)s)"
+    )
+    parser.add_argument(
+        "--boards", type=whole(3), default=16, metavar="N", help="photographs of the board (default %(default)s)"
+    )
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, metavar="N", help="another world, other noise (default %(default)s)"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_matcher_arguments(parser)
 
@@ -124,7 +137,9 @@ def _truth_of(rig: RenderedRig, frame: RenderedFrame, result: FrameResult) -> tu
         aligned_from_left=geometry.aligned_from_left,
     )
     # No stereo system can measure what only one of its cameras sees.
-    range_m = np.where(seen_by_right(view, rig.truth, frame.world_from_left) & result.pair.left_valid, view.range_m, np.nan)
+    range_m = np.where(
+        seen_by_right(view, rig.truth, frame.world_from_left) & result.pair.left_valid, view.range_m, np.nan
+    )
     depth_m = np.where(np.isnan(range_m), np.nan, view.depth_m)
     regions, column_range, column_disparity = {}, {}, {}
     for profile in result.profiles:
@@ -161,11 +176,17 @@ def _obstacle_truth(result: FrameResult, view: ViewTruth) -> tuple[dict[int, flo
 def _recovered(calibration: StereoCalibration, rig: RenderedRig) -> list[TruthRow]:
     from epiline.report import TruthRow
 
-    rows = [TruthRow(name="baseline", recovered=1e3 * calibration.baseline_m, truth=1e3 * rig.truth.baseline_m, unit="mm")]
+    rows = [
+        TruthRow(name="baseline", recovered=1e3 * calibration.baseline_m, truth=1e3 * rig.truth.baseline_m, unit="mm")
+    ]
     for side in ("left", "right"):
         found, true = getattr(calibration, side), getattr(rig.truth, side)
         for name, at in (("fx", (0, 0)), ("fy", (1, 1)), ("cx", (0, 2)), ("cy", (1, 2))):
-            rows.append(TruthRow(name=f"{side} {name}", recovered=found.camera_matrix[at], truth=true.camera_matrix[at], unit="px"))
+            rows.append(
+                TruthRow(
+                    name=f"{side} {name}", recovered=found.camera_matrix[at], truth=true.camera_matrix[at], unit="px"
+                )
+            )
     turn = calibration.rotation @ np.asarray(rig.truth.rotation).T
     angle_deg = math.degrees(math.acos(min(1.0, (float(np.trace(turn)) - 1) / 2)))
     rows.append(TruthRow(name="rotation off by", recovered=angle_deg, truth=0.0, unit="°"))
@@ -198,7 +219,13 @@ def _worst(drive: _Drive) -> list[tuple[float, float, float, int]]:
 
 def _print_calibration(calibration: StereoCalibration, observations: Observations, rows: Sequence[TruthRow]) -> None:
     cells = [
-        (r.name, f"{r.recovered:.4f}", f"{r.truth:.4f}", f"{100 * (r.recovered / r.truth - 1):+.3f} %" if r.truth else "", r.unit)
+        (
+            r.name,
+            f"{r.recovered:.4f}",
+            f"{r.truth:.4f}",
+            f"{100 * (r.recovered / r.truth - 1):+.3f} %" if r.truth else "",
+            r.unit,
+        )
         for r in rows
     ]
     title = f"calibration from {len(observations)} of {len(observations.views)} board pairs"

@@ -28,9 +28,16 @@ _SETTINGS: dict[str, dict[str, Any]] = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("root", type=Path, metavar="FOLDER", help="a folder of scenes with manifest.json, or a disparity file with --truth")
+    parser.add_argument(
+        "root",
+        type=Path,
+        metavar="FOLDER",
+        help="a folder of scenes with manifest.json, or a disparity file with --truth",
+    )
     parser.add_argument("--truth", type=Path, metavar="FILE", help="ground truth of the one disparity file given")
-    parser.add_argument("--truth-scale", type=float, default=1.0, metavar="S", help="stored truth = S * disparity (256 for KITTI)")
+    parser.add_argument(
+        "--truth-scale", type=float, default=1.0, metavar="S", help="stored truth = S * disparity (256 for KITTI)"
+    )
     parser.add_argument("--scale", type=float, default=1.0, metavar="S", help="the same for the disparity file")
     parser.add_argument("--scenes", nargs="+", metavar="TEXT", help="only scenes whose name contains one of these")
     parser.add_argument("--per-scene", action="store_true", help="a row per scene, not only per family")
@@ -97,12 +104,16 @@ def _as_csv(rows: Sequence[tuple[str, str, Evaluation]]) -> str:
 
 def _print_means(rows: Sequence[tuple[str, str, Evaluation]], scenes: int, *, per_scene: bool) -> None:
     groups = list(dict.fromkeys(name if per_scene else name.split("/")[0] for _, name, _ in rows))
-    say("non-occluded pixels; total counts a pixel without an answer as wrong, matched leaves it out; means over scenes")
+    say(
+        "non-occluded pixels; total counts a pixel without an answer as wrong, matched leaves it out; means over scenes"
+    )
     for setting in _SETTINGS:
         own = [(name, scores) for s, name, scores in rows if s == setting]
         table = []
         for group in (*groups, f"all {scenes} scenes"):
-            members = [e for name, e in own if group.startswith("all ") or name == group or name.startswith(f"{group}/")]
+            members = [
+                e for name, e in own if group.startswith("all ") or name == group or name.startswith(f"{group}/")
+            ]
             means = [float(np.mean([getattr(e, column) for e in members])) for column in _COLUMNS]
             table.append((group, *(f"{value:.2f}" if math.isfinite(value) else "-" for value in means)))
         print_table(setting, ("", *(c.replace("_", " ") for c in _COLUMNS)), table)

@@ -14,7 +14,9 @@ from epiline.cli.console import print_json, print_table, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("table", type=Path, help="CSV with a disparity (px) and a distance (m) in each row; a header is skipped")
+    parser.add_argument(
+        "table", type=Path, help="CSV with a disparity (px) and a distance (m) in each row; a header is skipped"
+    )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write the curve with its points and 95 %% band")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
@@ -33,7 +35,10 @@ def run(args: argparse.Namespace) -> None:
         print_json({**figures, "span_px": span, "points": len(disparity_px), "residual_m": residual_m.tolist()})
         return
     say(f"distance = {curve.a:.6g} e^({curve.b:.6g} x) + {curve.c:.6g} e^({curve.d:.6g} x)   x: disparity, px")
-    say(f"rmse {curve.rmse_m:.4g} m, R² {curve.r_squared:.6f}, fitted over {curve.span_px[0]:g} to {curve.span_px[1]:g} px")
+    say(
+        f"rmse {curve.rmse_m:.4g} m, R² {curve.r_squared:.6f}, "
+        f"fitted over {curve.span_px[0]:g} to {curve.span_px[1]:g} px"
+    )
     low, high = curve.predict_interval(disparity_px)
     rows = [
         (f"{x:g}", f"{z:.3f}", f"{z - r:.3f}", f"{r:+.3f}", f"{a:.3f} to {b:.3f}")

@@ -14,7 +14,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("left", type=Path, metavar="LEFT", help="left image")
     parser.add_argument("right", type=Path, metavar="RIGHT", help="right image")
     parser.add_argument("--rig", type=Path, help="align by this rig first; without it the pair must be aligned")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="out.pfm, .png (16 bit), .npy; .ply needs --rig")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="OUT", help="out.pfm, .png (16 bit), .npy; .ply needs --rig"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_matcher_arguments(parser)
 

@@ -13,9 +13,13 @@ from epiline.cli.console import print_json, print_table, progress, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", nargs="+", metavar="SOURCE", help="LEFT RIGHT, a folder of pairs, two folders or videos")
+    parser.add_argument(
+        "source", nargs="+", metavar="SOURCE", help="LEFT RIGHT, a folder of pairs, two folders or videos"
+    )
     parser.add_argument("--rig", type=Path, required=True, help="rig file of `epiline calibrate`")
-    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="write NAME_left.png, NAME_right.png and their masks")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FOLDER", help="write NAME_left.png, NAME_right.png and their masks"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -36,7 +40,10 @@ def run(args: argparse.Namespace) -> None:
             rows.append((frame.name, before.median_px, after.median_px, after.spread_px, after.matches))
             if args.output:
                 args.output.mkdir(parents=True, exist_ok=True)
-                for side, image, valid in (("left", pair.left, pair.left_valid), ("right", pair.right, pair.right_valid)):
+                for side, image, valid in (
+                    ("left", pair.left, pair.left_valid),
+                    ("right", pair.right, pair.right_valid),
+                ):
                     write_picture(args.output / f"{frame.name}_{side}.png", image)
                     write_picture(args.output / f"{frame.name}_{side}_valid.png", valid.astype(np.uint8) * 255)
             advance()

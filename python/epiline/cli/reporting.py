@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from epiline.targets import Observations
     from epiline.verdict import Verdict
 
+
 def provenance() -> Provenance:
     """What was run, when and where."""
     return Provenance(
@@ -53,9 +54,7 @@ def calibration_section(
         view_names=[str(view.name_left) for view in observations.views if view.accepted],
         left_px=observations.left_px,
         right_px=observations.right_px,
-        rejected=[
-            RejectedView(name=f"{v.name_left} / {v.name_right}", reason=v.reason) for v in observations.rejected
-        ],
+        rejected=[RejectedView(name=f"{v.name_left} / {v.name_right}", reason=v.reason) for v in observations.rejected],
         truth=truth,
         verdict=verdict,
     )

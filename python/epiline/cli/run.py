@@ -18,9 +18,13 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", nargs="+", metavar="SOURCE", help="a folder of pairs, two folders, globs or videos, sbs:VIDEO, demo:")
+    parser.add_argument(
+        "source", nargs="+", metavar="SOURCE", help="a folder of pairs, two folders, globs or videos, sbs:VIDEO, demo:"
+    )
     parser.add_argument("--rig", type=Path, required=True, help="rig file, or calib.txt of an aligned sequence")
-    parser.add_argument("--config", type=Path, metavar="TOML", help="matcher, pipeline and regions; options given here win")
+    parser.add_argument(
+        "--config", type=Path, metavar="TOML", help="matcher, pipeline and regions; options given here win"
+    )
     parser.add_argument("--jsonl", metavar="FILE", help="write a JSON line per frame; - is standard output")
     parser.add_argument("--json", dest="jsonl", action="store_const", const="-", help="the same as --jsonl -")
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a page with maps, profiles and obstacles")
@@ -64,9 +68,7 @@ def run(args: argparse.Namespace) -> None:
             say(f"wrote {args.report}")
 
 
-def make_pipeline(
-    args: argparse.Namespace, config: Configuration, rig: Any, size: tuple[int, int]
-) -> Pipeline:
+def make_pipeline(args: argparse.Namespace, config: Configuration, rig: Any, size: tuple[int, int]) -> Pipeline:
     """The pipeline of the options over the configuration over the defaults."""
     matcher = matcher_from(args, size[0])
     if config.matcher:

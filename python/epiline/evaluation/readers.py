@@ -66,7 +66,9 @@ def read_pfm(path: Path) -> NDArray[np.float32]:
     except ValueError:
         scale = float("nan")
     if not np.isfinite(scale) or scale == 0:
-        raise OSError(f"{path}: damaged PFM: scale = {header[4].decode('ascii', 'replace')} must be finite and not zero")
+        raise OSError(
+            f"{path}: damaged PFM: scale = {header[4].decode('ascii', 'replace')} must be finite and not zero"
+        )
     if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX):
         raise OSError(f"{path}: damaged PFM: {width}x{height} px; each side must be 1 to {MAX_SIDE_PX} px")
     needed = 4 * channels * width * height

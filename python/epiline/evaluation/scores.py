@@ -57,9 +57,7 @@ class Evaluation:
     d1_total: float
 
 
-def evaluate(
-    disp: HasValues | Floats, ground_truth: Floats, mask: NDArray[np.bool_] | None = None
-) -> Evaluation:
+def evaluate(disp: HasValues | Floats, ground_truth: Floats, mask: NDArray[np.bool_] | None = None) -> Evaluation:
     """Scores a disparity map.
 
     Parameters

@@ -60,5 +60,7 @@ def kitti_levels(values_px: NDArray[np.float32]) -> NDArray[np.uint16]:
     levels = np.rint(np.where(known, values_px, 0) * _KITTI_SCALE)
     largest = float(levels.max(initial=0.0))
     if largest > np.iinfo(np.uint16).max:
-        raise ValueError(f"disparity = {largest / _KITTI_SCALE:g} px: a KITTI PNG holds less than 256 px; use .pfm or .npy")
+        raise ValueError(
+            f"disparity = {largest / _KITTI_SCALE:g} px: a KITTI PNG holds less than 256 px; use .pfm or .npy"
+        )
     return np.where(known, np.maximum(levels, 1), 0).astype(np.uint16)

@@ -3,12 +3,11 @@
 :func:`open_source` understands what a person writes; every source gives :class:`Frame` objects.
 """
 
-from .base import Frame, Image, Source
-from .files import ImagePairs, SideBySideImages
-from .images import read_image
-from .opening import open_source
-from .pairing import ImagePair, Pairing, pair_lists, pair_mixed, pair_names
-from .videos import SideBySideVideo, TwoVideos
+from epiline.sources.base import Frame, Image, Source
+from epiline.sources.files import ImagePairs, SideBySideImages
+from epiline.sources.opening import open_source
+from epiline.sources.pairing import ImagePair, Pairing, pair_lists, pair_mixed, pair_names
+from epiline.sources.videos import SideBySideVideo, TwoVideos
 
 __all__ = [
     "Frame",
@@ -24,5 +23,4 @@ __all__ = [
     "pair_lists",
     "pair_mixed",
     "pair_names",
-    "read_image",
 ]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from .base import Frame, Image, Source
-from .images import read_image, size_of
-from .pairing import ImagePair
+from epiline._images import read_image, size_of
+from epiline.sources.base import Frame, Image, Source
+from epiline.sources.pairing import ImagePair
 
 
 class ImagePairs(Source):

@@ -8,11 +8,20 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from .base import Source
-from .files import ImagePairs, SideBySideImages
-from .images import StrPath, is_image_name
-from .pairing import ImagePair, Pairing, find_folders, images_in, natural_key, pair_lists, pair_mixed, pair_names
-from .videos import VIDEO_SUFFIXES, SideBySideVideo, TwoVideos
+from epiline._images import StrPath, is_image_name
+from epiline.sources.base import Source
+from epiline.sources.files import ImagePairs, SideBySideImages
+from epiline.sources.pairing import (
+    ImagePair,
+    Pairing,
+    find_folders,
+    images_in,
+    natural_key,
+    pair_lists,
+    pair_mixed,
+    pair_names,
+)
+from epiline.sources.videos import VIDEO_SUFFIXES, SideBySideVideo, TwoVideos
 
 Unpaired: TypeAlias = Literal["error", "skip"]
 
@@ -110,7 +119,7 @@ def _open_side_by_side(spec: str) -> Source:
 
 
 def _open_demo(options: str) -> Source:
-    from .rendered import RenderedRig
+    from epiline.sources.rendered import RenderedRig
 
     values = {"frames": "12", "seed": "0", "size": "640x480"}
     for option in filter(None, options.split(",")):

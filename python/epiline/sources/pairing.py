@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from .images import is_image_name
+from epiline._images import is_image_name
 
 FOLDER_NAMES = (
     ("left", "right"),

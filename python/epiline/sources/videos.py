@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .base import Frame, Image, Source
-from .files import check_same_size, split_side_by_side
-from .images import size_of
+from epiline._images import size_of
+from epiline.sources.base import Frame, Image, Source
+from epiline.sources.files import check_same_size, split_side_by_side
 
 VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mjpeg", ".mjpg", ".mkv", ".mov", ".mp4", ".mpg", ".webm"})
 

@@ -4,14 +4,14 @@ Two cameras with lens distortion drive through a textured room, and photograph a
 ours in NumPy: no download, no camera, and every number of the answer is known.
 """
 
-from .camera import BrownCamera, RigTruth, default_rig, world_from_optical
-from .path import CameraPath, Waypoint, drive_ahead
-from .photograph import Sensor
-from .raycast import Tracer
-from .rig import BoardView, RenderedFrame, RenderedFrames, RenderedRig
-from .scene import Board, Box, Lamp, Pole, Room, Scene, studio, workshop
-from .textures import Material
-from .truth import (
+from epiline.sources.rendered.camera import BrownCamera, RigTruth, default_rig, world_from_optical
+from epiline.sources.rendered.path import CameraPath, Waypoint, drive_ahead
+from epiline.sources.rendered.photograph import Sensor
+from epiline.sources.rendered.raycast import Tracer
+from epiline.sources.rendered.rig import BoardView, RenderedFrame, RenderedFrames, RenderedRig
+from epiline.sources.rendered.scene import Board, Box, Lamp, Pole, Room, Scene, studio, workshop
+from epiline.sources.rendered.textures import Material
+from epiline.sources.rendered.truth import (
     ObstacleTruth,
     ViewTruth,
     column_nearest,

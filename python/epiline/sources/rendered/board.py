@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .camera import Floats, RigTruth, rotation_xyz
-from .scene import Board
+from epiline.sources.rendered.camera import Floats, RigTruth, rotation_xyz
+from epiline.sources.rendered.scene import Board
 
 # Where in the image the board's middle goes, shares of its width and height; the first ones already span the image.
 _PLACES = (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .camera import Floats, world_from_optical
+from epiline.sources.rendered.camera import Floats, world_from_optical
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import BrownCamera, Floats
-from .raycast import Part, Rays, Tracer, Window
-from .shading import board_parity, shade, surface_coordinates
-from .textures import Singles
+from epiline.sources.rendered.camera import BrownCamera, Floats
+from epiline.sources.rendered.raycast import Part, Rays, Tracer, Window
+from epiline.sources.rendered.shading import board_parity, shade, surface_coordinates
+from epiline.sources.rendered.textures import Singles
 
 # Samples along one side of a pixel that holds an edge: 5 x 5 place a chessboard's corner within 0.01 px.
 EDGE_SAMPLES = 5

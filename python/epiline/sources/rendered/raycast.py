@@ -14,9 +14,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import Floats
-from .scene import ROOM_SIDES, Board, Box, Pole, Room, Scene, Solid
-from .textures import Material
+from epiline.sources.rendered.camera import Floats
+from epiline.sources.rendered.scene import ROOM_SIDES, Board, Box, Pole, Room, Scene, Solid
+from epiline.sources.rendered.textures import Material
 
 AnyFloats: TypeAlias = NDArray[Any]
 Rays: TypeAlias = tuple[AnyFloats, AnyFloats, AnyFloats]

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..base import Frame, Image, Source
-from .board import board_poses
-from .camera import Floats, RigTruth, default_rig, world_from_optical
-from .path import CameraPath, drive_ahead
-from .photograph import Lens, Sensor, render
-from .raycast import Tracer
-from .scene import Board, Scene, studio, workshop
+from epiline.sources.base import Frame, Image, Source
+from epiline.sources.rendered.board import board_poses
+from epiline.sources.rendered.camera import Floats, RigTruth, default_rig, world_from_optical
+from epiline.sources.rendered.path import CameraPath, drive_ahead
+from epiline.sources.rendered.photograph import Lens, Sensor, render
+from epiline.sources.rendered.raycast import Tracer
+from epiline.sources.rendered.scene import Board, Scene, studio, workshop
 
 _MIN_SIDE_PX, _MAX_SIDE_PX = 32, 4096
 # Streams of random numbers that must not share their numbers.

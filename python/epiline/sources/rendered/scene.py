@@ -10,8 +10,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from .camera import Floats, rotation_xyz
-from .textures import Material
+from epiline.sources.rendered.camera import Floats, rotation_xyz
+from epiline.sources.rendered.textures import Material
 
 CONCRETE = Material("concrete", ((92, 96, 98), (140, 145, 148), (186, 191, 194)), scale=1.2)
 PLANKS = Material("planks", ((16, 26, 38), (52, 84, 122), (92, 142, 190), (138, 182, 222)))

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .camera import Floats
-from .raycast import AnyFloats, Rays, Surface, Tracer
-from .scene import Board, Box, Pole
-from .textures import Singles, pattern
+from epiline.sources.rendered.camera import Floats
+from epiline.sources.rendered.raycast import AnyFloats, Rays, Surface, Tracer
+from epiline.sources.rendered.scene import Board, Box, Pole
+from epiline.sources.rendered.textures import Singles, pattern
 
 _PROBES = 4
 _MAX_STRETCH = 8.0

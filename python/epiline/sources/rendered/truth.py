@@ -10,9 +10,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .camera import BrownCamera, Floats, RigTruth
-from .raycast import Tracer
-from .scene import Scene
+from epiline.sources.rendered.camera import BrownCamera, Floats, RigTruth
+from epiline.sources.rendered.raycast import Tracer
+from epiline.sources.rendered.scene import Scene
 
 # x, y, width, height, pixels.
 Box: TypeAlias = tuple[int, int, int, int]
