@@ -184,7 +184,13 @@ class AlignmentError:
     def right_px(self) -> Floats: ...
 
 def alignment_error(
-    left: Image, right: Image, *, num_disparities: int = 192, max_offset_px: int = 8
+    left: Image,
+    right: Image,
+    *,
+    num_disparities: int = 192,
+    max_offset_px: int = 8,
+    left_valid: NDArray[np.bool_] | None = None,
+    right_valid: NDArray[np.bool_] | None = None,
 ) -> AlignmentError: ...
 
 # ---- matching ----------------------------------------------------------------------------------

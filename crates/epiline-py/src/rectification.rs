@@ -2,13 +2,13 @@
 
 use epiline::image::{Image, ImageRef};
 use epiline::rectification::{
-    AlignmentError, AlignmentOptions, PointMatch, RectifiedGeometry, Rectifier, alignment_error,
+    AlignmentError, AlignmentMeter, AlignmentOptions, PointMatch, RectifiedGeometry, Rectifier,
 };
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::camera::{PyStereoCalibration, matrix_array};
-use crate::convert::{OrRaise, grey_image, image_array, whole};
+use crate::convert::{OrRaise, grey_image, image_array, mask_image, whole};
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -346,6 +346,8 @@ impl PyAlignmentError {
 ///     Disparities looked at, 1 to 4096 px.
 /// max_offset_px : int
 ///     Rows up and down looked at, 1 to 64; a larger vertical error is not seen.
+/// left_valid, right_valid : (H, W) bool, optional
+///     Where the images have a source; nothing near a pixel without one takes part.
 ///
 /// Returns
 /// -------
@@ -357,19 +359,31 @@ impl PyAlignmentError {
 /// ValueError
 ///     The images differ in size or type, or an option is outside its range.
 #[pyfunction]
-#[pyo3(name = "alignment_error", signature = (left, right, *, num_disparities = 192, max_offset_px = 8))]
+#[pyo3(
+    name = "alignment_error",
+    signature = (left, right, *, num_disparities = 192, max_offset_px = 8, left_valid = None, right_valid = None)
+)]
 fn py_alignment_error(
     py: Python<'_>,
     left: &Bound<'_, PyAny>,
     right: &Bound<'_, PyAny>,
     num_disparities: i64,
     max_offset_px: i64,
+    left_valid: Option<&Bound<'_, PyAny>>,
+    right_valid: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<PyAlignmentError> {
     let (left, right) = (grey_image("left", left)?, grey_image("right", right)?);
     let (left, right) = (left.view(), right.view());
+    let left_valid = left_valid.map(|mask| mask_image("left_valid", mask)).transpose()?;
+    let right_valid = right_valid.map(|mask| mask_image("right_valid", mask)).transpose()?;
     let options = AlignmentOptions {
         num_disparities: whole("num_disparities", num_disparities)?,
         max_offset_px: whole("max_offset_px", max_offset_px)?,
     };
-    py.detach(|| alignment_error(left, right, &options)).map(PyAlignmentError).or_raise()
+    let measured = py.detach(|| {
+        let (left_valid, right_valid) = (left_valid.as_ref(), right_valid.as_ref());
+        let mut meter = AlignmentMeter::new(options)?;
+        meter.measure(left, right, left_valid.map(Image::view), right_valid.map(Image::view)).cloned()
+    });
+    measured.map(PyAlignmentError).or_raise()
 }

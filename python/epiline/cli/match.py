@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> None:
     left, right = read_image(args.left), read_image(args.right)
     matcher = matcher_from(args, left.shape[1])
     rig = load_rig(args.rig) if args.rig else None
+    geometry: RectifiedGeometry | None
     if isinstance(rig, StereoCalibration):
         pair = Rectifier(rig)(left, right)
         left, geometry = pair.left, pair.geometry
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace) -> None:
     else:
         disparity, geometry = matcher(left, right), rig
     if suffix == ".ply":
-        if not isinstance(geometry, RectifiedGeometry):
+        if geometry is None:
             raise ValueError(f"{args.output}: a point cloud in metres needs --rig")
         write_ply(args.output, to_range(disparity, geometry).points(left))
     else:

@@ -44,7 +44,7 @@ def read_disparity(path: Path, *, scale: float = 1.0) -> NDArray[np.float32]:
         stored = _read_numpy(path)
     else:
         stored = _read_image(path)
-    values = np.asarray(stored, np.float32) / np.float32(scale)
+    values: NDArray[np.float32] = np.asarray(stored, np.float32) / np.float32(scale)
     with np.errstate(invalid="ignore"):
         values[~(np.isfinite(values) & (values > 0))] = np.nan
     return values
