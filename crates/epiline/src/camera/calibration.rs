@@ -40,7 +40,8 @@ impl Pose {
 
     /// The pose after a left increment: `exp([rotation]ₓ) R` and `T + translation_m`.
     pub fn moved(&self, rotation: Vector3<f64>, translation_m: Vector3<f64>) -> Self {
-        let mut turned = Rotation3::from_scaled_axis(rotation) * Rotation3::from_matrix_unchecked(self.rotation);
+        let mut turned =
+            Rotation3::from_scaled_axis(rotation) * Rotation3::from_matrix_unchecked(self.rotation);
         // Rounding of many small products must not add up to a matrix that is no rotation.
         turned.renormalize();
         Self { rotation: turned.into_inner(), translation_m: self.translation_m + translation_m }
