@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 mod calibration;
 mod camera;
 mod convert;
+mod matching;
 mod preprocess;
 mod rectification;
 
@@ -16,5 +17,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     calibration::register(module)?;
     preprocess::register(module)?;
     rectification::register(module)?;
+    matching::register(module)?;
     Ok(())
 }

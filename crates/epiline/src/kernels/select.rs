@@ -1,15 +1,14 @@
 //! From the costs around the best lane to a disparity in sixteenths of a pixel.
 
 use super::portable;
-use super::sad::{Cost, reference::rival_limit};
+use super::sad::reference::rival_limit;
+use super::sad::{Choice, Cost};
 
 /// One row of costs and what becomes of it.
 #[derive(Debug)]
 pub struct SelectRow<'a, C> {
-    /// Best lane per column.
-    pub best_lane: &'a [u16],
-    /// Costs before, at and after the best lane, as in [`SadRow::costs`](super::sad::SadRow::costs).
-    pub costs: &'a [[C; 4]],
+    /// Best lane per column, as in [`SadRow::chosen`](super::sad::SadRow::chosen).
+    pub chosen: &'a [Choice<C>],
     /// Lanes within the uniqueness ratio, as in [`SadRow::rivals`](super::sad::SadRow::rivals).
     pub rivals: &'a [u16],
     /// Disparity of lane 0, px.
@@ -30,8 +29,8 @@ pub struct SelectRow<'a, C> {
 
 impl<C> SelectRow<'_, C> {
     pub(super) fn check(&self) {
-        let width = self.best_lane.len();
-        assert!(self.costs.len() == width && self.rivals.len() == width, "a row's length");
+        let width = self.chosen.len();
+        assert!(self.rivals.len() == width, "a row's length");
         assert!(self.values.len() == width && self.bits.len() == width, "a row's length");
     }
 }
@@ -42,47 +41,103 @@ impl<C> SelectRow<'_, C> {
 /// precision is exact for 16-bit costs: the numerator is below 2²⁴, and a quotient that is not whole is at least
 /// `1/(2·65 535)` from the next whole number while the rounding error of one below 128 is at most `2⁻¹⁸`.
 #[inline(always)]
-fn vertex_f32(before: u32, best: u32, after: u32) -> i32 {
-    let steepest = before.max(after) - best;
-    let numerator = (after as i32 - before as i32) * 256;
+fn vertex_f32(before: i32, best: i32, after: i32) -> i32 {
     // Steepest is 0 only if both neighbours tie with the best; the numerator is then 0 too.
-    (numerator as f32 / (2 * steepest).max(1) as f32) as i32
+    let steepest = (2 * (before.max(after) - best)).max(1);
+    let quotient = ((after - before) * 256) as f32 / steepest as f32;
+    // SAFETY: finite, and at most 128 in size. (A checked conversion is not vectorised.)
+    unsafe { quotient.to_int_unchecked() }
 }
 
-/// The same for costs of any size.
+/// The same for 32-bit costs, of which there are none above `255·31²`.
 #[inline(always)]
-fn vertex_f64(before: u32, best: u32, after: u32) -> i32 {
-    let steepest = f64::from(before.max(after) - best);
-    let numerator = (f64::from(after) - f64::from(before)) * 256.0;
-    (numerator / (2.0 * steepest).max(1.0)) as i32
+fn vertex_f64(before: i32, best: i32, after: i32) -> i32 {
+    let steepest = (2 * (before.max(after) - best)).max(1);
+    let quotient = f64::from((after - before) * 256) / f64::from(steepest);
+    // SAFETY: finite, and at most 128 in size.
+    unsafe { quotient.to_int_unchecked() }
 }
 
+/// Columns at a time: what is done with local arrays of a constant size is vectorised at every level.
+const CHUNK: usize = 16;
+
 #[inline(always)]
-fn select_row<C: Cost>(row: &mut SelectRow<'_, C>, vertex: impl Fn(u32, u32, u32) -> i32) {
-    let blocked = C::BLOCKED.to_u32();
-    let first = i32::from(row.first_disparity) * 256;
-    let inputs = row.best_lane.iter().zip(row.costs).zip(row.rivals);
-    let outputs = row.values.iter_mut().zip(&mut *row.bits);
-    for (((&lane, costs), &rivals), (value, bits)) in inputs.zip(outputs) {
-        let [before, best, after, _] = costs.map(C::to_u32);
-        let answered = best < blocked;
-        let between_candidates = row.subpixel & (before < blocked) & (after < blocked);
-        // A blocked neighbour stands in as a tie, so that the arithmetic below is harmless.
-        let (before_cost, after_cost) = if between_candidates { (before, after) } else { (best, best) };
-        // Lanes run downward in disparity.
-        let disparity_256 = first - i32::from(lane) * 256 + vertex(before_cost, best, after_cost);
-        *value = if answered { ((disparity_256 + 15) >> 4) as u16 } else { 0 };
-        let limit = rival_limit(best, row.uniqueness_ratio);
-        let own =
-            1 + u16::from(before < blocked && before <= limit) + u16::from(after < blocked && after <= limit);
-        let rivalled = (row.uniqueness_ratio > 0) & (rivals != own);
-        *bits = if !answered {
-            row.no_candidate
-        } else if rivalled {
-            row.not_unique
-        } else {
-            0
-        };
+fn select_row<C: Cost>(row: &mut SelectRow<'_, C>, vertex: impl Fn(i32, i32, i32) -> i32) {
+    let (chosen, chosen_rest) = row.chosen.as_chunks::<CHUNK>();
+    let (rivals, rivals_rest) = row.rivals.as_chunks::<CHUNK>();
+    let rule = Rule::of(row);
+    let (values, values_rest) = row.values.as_chunks_mut::<CHUNK>();
+    let (bits, bits_rest) = row.bits.as_chunks_mut::<CHUNK>();
+    for (((chosen, rivals), values), bits) in chosen.iter().zip(rivals).zip(values).zip(bits) {
+        (*values, *bits) = rule.select(chosen, rivals, &vertex);
+    }
+    let rest = chosen_rest.len();
+    let mut chosen = [Choice::NONE; CHUNK];
+    let mut rivals = [0; CHUNK];
+    chosen[..rest].copy_from_slice(chosen_rest);
+    rivals[..rest].copy_from_slice(rivals_rest);
+    let (values, bits) = rule.select(&chosen, &rivals, &vertex);
+    values_rest.copy_from_slice(&values[..rest]);
+    bits_rest.copy_from_slice(&bits[..rest]);
+}
+
+/// What does not change along a row.
+struct Rule {
+    first_disparity_256: i32,
+    subpixel: bool,
+    uniqueness_ratio: u32,
+    no_candidate: u8,
+    not_unique: u8,
+}
+
+impl Rule {
+    fn of<C>(row: &SelectRow<'_, C>) -> Self {
+        Self {
+            first_disparity_256: i32::from(row.first_disparity) * 256,
+            subpixel: row.subpixel,
+            uniqueness_ratio: row.uniqueness_ratio,
+            no_candidate: row.no_candidate,
+            not_unique: row.not_unique,
+        }
+    }
+
+    #[inline(always)]
+    fn select<C: Cost>(
+        &self,
+        chosen: &[Choice<C>; CHUNK],
+        rivals: &[u16; CHUNK],
+        vertex: impl Fn(i32, i32, i32) -> i32,
+    ) -> ([u16; CHUNK], [u8; CHUNK]) {
+        // A blocked 32-bit cost becomes -1; a 16-bit one stays larger than any other. Only equality is asked of it.
+        let signed = |cost: C| cost.to_u32().cast_signed();
+        let blocked = signed(C::BLOCKED);
+        let (mut before, mut best, mut after) = ([0; CHUNK], [0; CHUNK], [0; CHUNK]);
+        let mut whole_256 = [0; CHUNK];
+        for (i, choice) in chosen.iter().enumerate() {
+            (before[i], best[i], after[i]) =
+                (signed(choice.before), signed(choice.best), signed(choice.after));
+            // Lanes run downward in disparity.
+            whole_256[i] = self.first_disparity_256 - signed(choice.lane) * 256;
+        }
+        let mut values = [0; CHUNK];
+        for i in 0..CHUNK {
+            let refined = self.subpixel & (before[i] != blocked) & (after[i] != blocked);
+            // A blocked neighbour stands in as a tie, so that the arithmetic is harmless.
+            let [before, after] = [before[i], after[i]].map(|cost| if refined { cost } else { best[i] });
+            let disparity_256 = whole_256[i] + vertex(before, best[i], after);
+            values[i] = if best[i] == blocked { 0 } else { ((disparity_256 + 15) >> 4) as u16 };
+        }
+        let mut bits = best.map(|best| if best == blocked { self.no_candidate } else { 0 });
+        if self.uniqueness_ratio > 0 {
+            for i in 0..CHUNK {
+                let limit = rival_limit(best[i].cast_unsigned(), self.uniqueness_ratio).cast_signed();
+                let is_rival = |cost: i32| i32::from((cost != blocked) & (cost <= limit));
+                let own = 1 + is_rival(before[i]) + is_rival(after[i]);
+                let rivalled = (best[i] != blocked) & (i32::from(rivals[i]) != own);
+                bits[i] |= if rivalled { self.not_unique } else { 0 };
+            }
+        }
+        (values, bits)
     }
 }
 

@@ -1,23 +1,23 @@
 //! The left–right test: does the right image choose the same pair?
 
-use crate::kernels::sad::Cost;
+use crate::kernels::sad::{Choice, Cost};
 
 /// Adds `bit` where the right pixel's smallest cost does not occur near the left pixel's disparity.
 ///
-/// `right_best[x + lane]` is the smallest cost of the right pixel opposite column `x`, over all its candidates;
+/// `right_best[x + chosen[x].lane]` is the smallest cost of the right pixel opposite column `x`, over all its candidates;
 /// `nearby[x]` the smallest of those whose disparity is close enough to the one chosen. If they agree, so does the right
 /// image. Unlike a comparison of the two images' chosen disparities, ties need no rule. Columns whose bits have some of
 /// `except` are left alone.
 pub(super) fn mark<C: Cost>(
-    best_lane: &[u16],
+    chosen: &[Choice<C>],
     nearby: &[C],
     right_best: &[C],
     bit: u8,
     except: u8,
     bits: &mut [u8],
 ) {
-    for (x, ((&lane, &nearby), bits)) in best_lane.iter().zip(nearby).zip(bits).enumerate() {
-        let disagrees = (right_best[x + usize::from(lane)] < nearby) & (*bits & except == 0);
+    for (x, ((choice, &nearby), bits)) in chosen.iter().zip(nearby).zip(bits).enumerate() {
+        let disagrees = (right_best[x + choice.lane.to_u32() as usize] < nearby) & (*bits & except == 0);
         *bits |= if disagrees { bit } else { 0 };
     }
 }

@@ -1,5 +1,6 @@
 //! The disparity map: values in sixteenths of a pixel and, per pixel, the reasons it cannot be trusted.
 
+use crate::error::{Error, Result};
 use crate::image::Image;
 
 /// Reasons, OR-ed together, why a pixel has no answer (or has one that was not measured: [`FILLED`](Validity::FILLED)).
@@ -62,6 +63,27 @@ impl DisparityMap {
         Self { values: Image::new(width, height), validity, min_disparity: 0, num_disparities: 0 }
     }
 
+    /// A map from disparities in 1/16 px and their [`Validity`] bits.
+    ///
+    /// Fails if the two differ in size or if the range reaches [`MAX_DISPARITY`](super::MatcherParams::MAX_DISPARITY).
+    pub fn from_parts(
+        values: Image<u16>,
+        validity: Image<u8>,
+        min_disparity: usize,
+        num_disparities: usize,
+    ) -> Result<Self> {
+        values.view().require_same_size("raw", &validity.view(), "validity")?;
+        let limit = super::MatcherParams::MAX_DISPARITY;
+        if min_disparity.saturating_add(num_disparities) > limit {
+            return Err(Error::invalid(
+                "min_disparity + num_disparities",
+                format!("{min_disparity} + {num_disparities} px"),
+                format!("must not exceed {limit} px"),
+            ));
+        }
+        Ok(Self { values, validity, min_disparity, num_disparities })
+    }
+
     /// Width, pixels.
     pub fn width(&self) -> usize {
         self.values.width()
@@ -89,5 +111,31 @@ impl DisparityMap {
         let bits = self.validity.as_slice();
         let answered = bits.iter().filter(|&&b| Validity::has_value(b)).count();
         answered as f64 / bits.len().max(1) as f64
+    }
+
+    /// Disparities in pixels; NaN where there is none.
+    pub fn to_f32(&self) -> Image<f32> {
+        Image::from_fn(self.width(), self.height(), |x, y| self.at(x, y).unwrap_or(f32::NAN))
+    }
+
+    /// OpenCV's representation: `16·d`, and `16·(min_disparity - 1)` where there is no disparity.
+    ///
+    /// Fails if the range does not fit 16 bits with a sign.
+    pub fn to_opencv(&self) -> Result<Image<i16>> {
+        let end = self.min_disparity + self.num_disparities;
+        if end > 2048 {
+            let expected = "must not exceed 2048 px, beyond which OpenCV's 16-bit disparities cannot reach";
+            return Err(Error::invalid("min_disparity + num_disparities", format!("{end} px"), expected));
+        }
+        let invalid = (self.min_disparity as i16 - 1) * 16;
+        Ok(Image::from_fn(self.width(), self.height(), |x, y| {
+            let bits = self.validity.row(y)[x];
+            // A value given from outside may lie beyond its range; it is cut off, not wrapped.
+            if Validity::has_value(bits) {
+                self.values.row(y)[x].min(i16::MAX as u16) as i16
+            } else {
+                invalid
+            }
+        }))
     }
 }

@@ -9,7 +9,7 @@ use super::params::MatcherParams;
 use super::prepared::PreparedPair;
 use super::texture::TextureSums;
 use crate::image::ImageRef;
-use crate::kernels::sad::{AddRow, RowShape, SadRow};
+use crate::kernels::sad::{AddRow, Choice, RowShape, SadRow};
 use crate::kernels::select::SelectRow;
 use crate::kernels::{CostKernels, Kernels};
 
@@ -56,8 +56,7 @@ pub(super) struct Stripe<C> {
     blocked_left: AlignedVec<C>,
     blocked_right: AlignedVec<C>,
     blocked_lanes: AlignedVec<C>,
-    best_lane: Vec<u16>,
-    costs: Vec<[C; 4]>,
+    chosen: Vec<Choice<C>>,
     rivals: Vec<u16>,
     nearby: Vec<C>,
     right_best: Vec<C>,
@@ -79,15 +78,14 @@ impl<C: CostKernels> Stripe<C> {
     fn prepare(&mut self, frame: &Frame<'_>, shape: &RowShape, first_row: usize) {
         let RowShape { width, lanes, radius, .. } = *shape;
         let padded = width + lanes - 1;
-        self.column_sums.reset(width * lanes, C::default());
+        self.column_sums.reset(width * lanes, C::ZERO);
         self.scratch.reset(C::scratch_len(frame.kernels, shape), C::BLOCKED);
-        self.blocked_left.reset(width, C::default());
-        self.blocked_right.reset(padded, C::default());
+        self.blocked_left.reset(width, C::ZERO);
+        self.blocked_right.reset(padded, C::ZERO);
         self.blocked_right[..(frame.params.min_disparity + lanes - 1).min(padded)].fill(C::BLOCKED);
-        self.blocked_lanes.reset(lanes, C::default());
+        self.blocked_lanes.reset(lanes, C::ZERO);
         self.blocked_lanes[..lanes - frame.params.num_disparities].fill(C::BLOCKED);
-        self.best_lane.resize(width, 0);
-        self.costs.resize(width, [C::BLOCKED; 4]);
+        self.chosen.resize(width, Choice::NONE);
         self.rivals.resize(width, 0);
         self.nearby.resize(width, C::BLOCKED);
         self.right_best.resize(padded, C::BLOCKED);
@@ -136,8 +134,7 @@ impl<C: CostKernels> Stripe<C> {
                 blocked_lanes: &self.blocked_lanes,
                 column_sums: &mut self.column_sums,
                 scratch: &mut self.scratch,
-                best_lane: &mut self.best_lane,
-                costs: &mut self.costs,
+                chosen: &mut self.chosen,
                 rivals: &mut self.rivals,
                 nearby: &mut self.nearby,
                 right_best: &mut self.right_best,
@@ -146,8 +143,7 @@ impl<C: CostKernels> Stripe<C> {
         C::select(
             kernels,
             &mut SelectRow {
-                best_lane: &self.best_lane,
-                costs: &self.costs,
+                chosen: &self.chosen,
                 rivals: &self.rivals,
                 first_disparity: first_disparity as u16,
                 subpixel: params.subpixel,
@@ -167,7 +163,7 @@ impl<C: CostKernels> Stripe<C> {
         let except = Validity::NO_CANDIDATE;
         if shape.left_right_reach.is_some() {
             let bit = Validity::LEFT_RIGHT;
-            left_right::mark(&self.best_lane, &self.nearby, &self.right_best, bit, except, bits);
+            left_right::mark(&self.chosen, &self.nearby, &self.right_best, bit, except, bits);
         }
         if params.texture_threshold > 0 {
             let (level, threshold) = (params.prefilter_cap, params.texture_threshold);
@@ -181,6 +177,6 @@ impl<C: CostKernels> Stripe<C> {
 /// Pixels without source become blocked.
 fn block<C: CostKernels>(blocked: &mut [C], valid: &[u8]) {
     for (blocked, &valid) in blocked.iter_mut().zip(valid) {
-        *blocked = if valid == 0 { C::BLOCKED } else { C::default() };
+        *blocked = if valid == 0 { C::BLOCKED } else { C::ZERO };
     }
 }

@@ -2,8 +2,8 @@
 
 use std::arch::x86_64::*;
 
-use super::SadRow;
-use super::vector::{self, Lanes};
+use super::vector::{self, Column, Lanes};
+use super::{Choice, SadRow};
 
 /// Two vectors of costs.
 pub const LANE_BLOCK: usize = 32;
@@ -36,6 +36,13 @@ unsafe fn difference_u8x32(left: u8, right: *const u8) -> __m256i {
 // SAFETY of every block below: the caller of a function of `Lanes` proves AVX2 and, for pointers, what they point at.
 impl Lanes for U16x16 {
     const COUNT: usize = 16;
+    // There is no permutation of 16-bit lanes across a whole vector; the ring is as fast as what would replace it.
+    const PICKS_LANES: bool = false;
+
+    #[inline(always)]
+    unsafe fn choice<const P: usize>(_: &Column<Self, P>, _: usize) -> Choice<u16> {
+        unreachable!("PICKS_LANES is false")
+    }
 
     #[inline(always)]
     unsafe fn splat(value: u16) -> Self {

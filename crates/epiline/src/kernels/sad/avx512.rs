@@ -2,8 +2,8 @@
 
 use std::arch::x86_64::*;
 
-use super::SadRow;
-use super::vector::{self, Lanes};
+use super::vector::{self, Column, Lanes};
+use super::{Choice, Cost, SadRow};
 
 /// Two vectors of costs.
 pub const LANE_BLOCK: usize = 64;
@@ -47,6 +47,32 @@ const FROM_SECOND_U16X32: [u16; 32] = {
 // SAFETY of every block below: the caller of a function of `Lanes` proves AVX-512 and, for pointers, what they point at.
 impl Lanes for U16x32 {
     const COUNT: usize = 32;
+    const PICKS_LANES: bool = true;
+
+    #[inline(always)]
+    unsafe fn choice<const P: usize>(costs: &Column<Self, P>, lane: usize) -> Choice<u16> {
+        // SAFETY: see above.
+        unsafe {
+            let lanes = _mm512_add_epi16(
+                Self::splat(lane as u16).0,
+                _mm512_zextsi128_si512(_mm_setr_epi16(-1, 0, 1, 0, 0, 0, 0, 0)),
+            );
+            // A permutation looks at the low six bits of a lane number, one of the pair's 64; the others say which pair.
+            let mut picked = _mm512_permutex2var_epi16(costs[0][0].0, lanes, costs[0][1].0);
+            for (p, pair) in costs.iter().enumerate().skip(1) {
+                let from = Self::splat(64 * p as u16).0;
+                let here = _mm512_cmpge_epu16_mask(lanes, from);
+                let of_pair = _mm512_permutex2var_epi16(pair[0].0, lanes, pair[1].0);
+                picked = _mm512_mask_mov_epi16(picked, here, of_pair);
+            }
+            let outside = _mm512_cmpge_epu16_mask(lanes, Self::splat(64 * P as u16).0);
+            picked = _mm512_mask_mov_epi16(picked, outside, Self::splat(u16::BLOCKED).0);
+            // The fourth of them is the lane itself.
+            let choice = _mm512_mask_mov_epi16(picked, 0b1000, lanes);
+            // SAFETY: four 16-bit numbers in the order of `Choice`, whose layout is C's.
+            std::mem::transmute(_mm_cvtsi128_si64(_mm512_castsi512_si128(choice)))
+        }
+    }
 
     #[inline(always)]
     unsafe fn splat(value: u16) -> Self {

@@ -32,8 +32,12 @@ use super::portable;
 pub trait Cost: Copy + Ord + Default + std::fmt::Debug + Send + Sync + 'static {
     /// The cost of what is not a candidate; more than any window's.
     const BLOCKED: Self;
+    /// The cost of equal windows.
+    const ZERO: Self;
     /// Widens a difference of two pixels.
     fn from_difference(difference: u8) -> Self;
+    /// A lane's number, which is below 1024.
+    fn from_lane(lane: usize) -> Self;
     /// `self + entering - leaving`, which is not negative although parts of it may be.
     fn slide(self, entering: Self, leaving: Self) -> Self;
     /// The value.
@@ -44,10 +48,16 @@ macro_rules! cost {
     ($int:ty) => {
         impl Cost for $int {
             const BLOCKED: Self = <$int>::MAX;
+            const ZERO: Self = 0;
 
             #[inline(always)]
             fn from_difference(difference: u8) -> Self {
                 difference.into()
+            }
+
+            #[inline(always)]
+            fn from_lane(lane: usize) -> Self {
+                lane as Self
             }
 
             #[inline(always)]
@@ -73,12 +83,12 @@ pub fn fits_u16(largest_difference: u8, block_size: usize) -> bool {
     usize::from(largest_difference) * block_size * block_size < usize::from(u16::BLOCKED)
 }
 
-/// The next number of lanes that kernels are built for: 1, 2, 3, 4, 6, 8, 12, 16, 24, 32… blocks.
+/// The next number of lanes that kernels are built for: 1, 2, 3, 4, 6, 8, 16 or 32 blocks.
 pub(super) fn padded_lanes(num_disparities: usize, lane_block: usize) -> usize {
     let blocks = num_disparities.div_ceil(lane_block);
     let power = blocks.next_power_of_two();
     let between = power / 4 * 3;
-    lane_block * if blocks <= between { between } else { power }
+    lane_block * if blocks <= between && power <= 8 { between } else { power }
 }
 
 /// A row of both images.
@@ -113,6 +123,25 @@ impl<C> AddRow<'_, C> {
         assert!(self.lanes > 0 && self.column_sums.len() == self.row.left.len() * self.lanes, "column sums");
         self.row.check(self.row.left.len(), self.lanes);
     }
+}
+
+/// The best of a column's lanes, with its surroundings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C)]
+pub struct Choice<C> {
+    /// Cost of the lane before, one more disparity; blocked if there is none.
+    pub before: C,
+    /// The smallest cost.
+    pub best: C,
+    /// Cost of the lane after, one less disparity; blocked if there is none.
+    pub after: C,
+    /// The first lane with the smallest cost.
+    pub lane: C,
+}
+
+impl<C: Cost> Choice<C> {
+    /// No candidate.
+    pub const NONE: Self = Self { before: C::BLOCKED, best: C::BLOCKED, after: C::BLOCKED, lane: C::ZERO };
 }
 
 /// What is the same for every row of an image.
@@ -156,11 +185,8 @@ pub struct SadRow<'a, C> {
     /// As many cells as [`CostKernels::scratch_len`](super::CostKernels::scratch_len) says, all [`Cost::BLOCKED`]
     /// before the first row and left alone between rows.
     pub scratch: &'a mut [C],
-    /// Out, per column: the first lane with the smallest cost.
-    pub best_lane: &'a mut [u16],
-    /// Out, per column: costs of the lane before (larger disparity), the best, and the one after; the fourth is
-    /// unspecified.
-    pub costs: &'a mut [[C; 4]],
+    /// Out, per column.
+    pub chosen: &'a mut [Choice<C>],
     /// Out, per column, if `uniqueness_ratio` is not 0: how many lanes cost at most
     /// `best + best * uniqueness_ratio / 100`.
     pub rivals: &'a mut [u16],
@@ -183,7 +209,7 @@ impl<C> SadRow<'_, C> {
         assert!(self.blocked_lanes.len() == lanes, "blocked_lanes");
         assert!(self.column_sums.len() == width * lanes, "column_sums");
         assert!(self.scratch.len() == scratch_len, "scratch");
-        assert!(self.best_lane.len() == width && self.costs.len() == width, "best_lane, costs");
+        assert!(self.chosen.len() == width, "chosen");
         assert!(self.rivals.len() == width, "rivals");
         if left_right_reach.is_some() {
             assert!(self.nearby.len() == width && self.right_best.len() == width + lanes - 1, "left-right");
@@ -208,12 +234,12 @@ mod tests {
     }
 
     #[test]
-    fn lanes_cover_the_disparities_without_doubling_them() {
+    fn lanes_cover_the_disparities() {
         for block in [16, 32, 64] {
             for n in 1..=1024_usize {
                 let lanes = padded_lanes(n, block);
                 assert!(lanes >= n && lanes.is_multiple_of(block), "{n} in {lanes}");
-                assert!(lanes < n + n / 2 + block, "{n} in {lanes}");
+                assert!(lanes < 2 * n + block, "{n} in {lanes}");
             }
         }
     }

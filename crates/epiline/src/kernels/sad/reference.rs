@@ -1,7 +1,7 @@
 //! Eq. 5 by running sums, in plain safe code: what the variants are held to, the fallback where there is none, and
 //! the kernel for sums too large for 16 bits.
 
-use super::{AddRow, Cost, RowShape, SadRow};
+use super::{AddRow, Choice, Cost, RowShape, SadRow};
 
 /// Lanes are padded so that the compiler can use whole vectors.
 pub const LANE_BLOCK: usize = 16;
@@ -12,7 +12,7 @@ pub fn add_row<C: Cost>(row: &mut AddRow<'_, C>) {
     for (c, sums) in row.column_sums.chunks_exact_mut(row.lanes).enumerate() {
         let left = row.row.left[c];
         for (sum, &right) in sums.iter_mut().zip(&row.row.right[c..]) {
-            *sum = sum.slide(C::from_difference(left.abs_diff(right)), C::default());
+            *sum = sum.slide(C::from_difference(left.abs_diff(right)), C::ZERO);
         }
     }
 }
@@ -56,11 +56,11 @@ fn sum_columns_along<C: Cost>(row: &mut SadRow<'_, C>) {
     let column = |c: usize| &row.column_sums[c * lanes..(c + 1) * lanes];
     let last = width - 1;
     let first_costs = &mut row.scratch[..lanes];
-    first_costs.fill(C::default());
+    first_costs.fill(C::ZERO);
     for i in 0..=2 * radius {
         let entering = column(i.saturating_sub(radius).min(last));
         for (cost, &entering) in first_costs.iter_mut().zip(entering) {
-            *cost = cost.slide(entering, C::default());
+            *cost = cost.slide(entering, C::ZERO);
         }
     }
     for x in 1..width {
@@ -93,8 +93,8 @@ fn find_best<C: Cost>(row: &mut SadRow<'_, C>) {
         let best = costs.iter().copied().min().unwrap_or(C::BLOCKED);
         let lane = costs.iter().position(|&cost| cost == best).unwrap_or(0);
         let at = |lane: Option<usize>| lane.and_then(|k| costs.get(k)).copied().unwrap_or(C::BLOCKED);
-        row.best_lane[x] = lane as u16;
-        row.costs[x] = [at(lane.checked_sub(1)), best, at(Some(lane + 1)), C::BLOCKED];
+        let (before, after) = (at(lane.checked_sub(1)), at(Some(lane + 1)));
+        row.chosen[x] = Choice { before, best, after, lane: C::from_lane(lane) };
         if row.shape.uniqueness_ratio > 0 {
             let limit = rival_limit(best.to_u32(), row.shape.uniqueness_ratio);
             row.rivals[x] =
@@ -126,7 +126,7 @@ fn find_right_best<C: Cost>(row: &mut SadRow<'_, C>) {
 fn find_nearby<C: Cost>(row: &mut SadRow<'_, C>, reach: usize) {
     let RowShape { width, lanes, .. } = row.shape;
     for x in 0..width {
-        let lane = usize::from(row.best_lane[x]);
+        let lane = row.chosen[x].lane.to_u32() as usize;
         let right = x + lane;
         let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
         row.nearby[x] = columns

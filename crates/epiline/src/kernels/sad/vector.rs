@@ -25,7 +25,7 @@
 //!    rounds up to one that exists.
 
 use super::reference::rival_limit;
-use super::{Cost, RowPair, RowShape, SadRow};
+use super::{Choice, Cost, RowPair, RowShape, SadRow};
 
 /// Pixels whose costs are computed before the first of them are read back.
 const BATCH: usize = 8;
@@ -73,12 +73,16 @@ pub(super) trait Lanes: Copy {
     /// `|left_in - right_in[i]| - |left_out - right_out[i]|` for `2 * COUNT` bytes, each difference at most 127.
     unsafe fn small_change(left_in: u8, right_in: *const u8, left_out: u8, right_out: *const u8)
     -> [Self; 2];
+    /// Whether [`choice`](Self::choice) exists.
+    const PICKS_LANES: bool;
+    /// `lane` and the costs at and beside it.
+    unsafe fn choice<const P: usize>(costs: &Column<Self, P>, lane: usize) -> Choice<u16>;
     /// The same for any bytes.
     unsafe fn change(left_in: u8, right_in: *const u8, left_out: u8, right_out: *const u8) -> [Self; 2];
 }
 
 /// All costs of one column: `P` pairs of vectors.
-type Column<V, const P: usize> = [[V; 2]; P];
+pub(super) type Column<V, const P: usize> = [[V; 2]; P];
 
 /// `f` of each vector and its position among the lanes.
 #[inline(always)]
@@ -99,98 +103,178 @@ fn each<V: Lanes, const P: usize>(mut f: impl FnMut(usize, usize, usize)) {
 pub(super) unsafe fn sad_row<V: Lanes, const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(
     row: &mut SadRow<'_, u16>,
 ) {
-    let RowShape { width, radius, blocked_columns, uniqueness_ratio, .. } = row.shape;
-    let lanes = 2 * P * V::COUNT;
+    let RowShape { width, radius, .. } = row.shape;
     let reach = row.shape.left_right_reach.unwrap_or(0);
     let (last, delay) = (width - 1, BATCH.max(reach));
-    // SAFETY: the caller proves the instructions. Column `c <= last` has its sums at `c * lanes`, its right pixels and
-    // their blocks at `c..c + lanes`; `check` made the slices that long. The ring is indexed in `Ring`.
+    // Columns, but for the last, whose window lies inside the image and all of whose lanes are candidates.
+    let inner = row.shape.blocked_columns.max(radius + 1)..width - radius.clamp(1, width);
+    // SAFETY: the caller's promises are passed on. The ring is indexed as `Ring` demands.
     unsafe {
-        let sums = row.column_sums.as_mut_ptr();
         let mut ring = Ring::new(row.scratch, &row.shape);
         for column in 1..=reach {
             ring.block::<V, P>(0_usize.wrapping_sub(column));
         }
-
-        let mut h: Column<V, P> = [[V::splat(0); 2]; P];
-        for i in 0..=radius {
-            if i <= last {
-                slide_down::<V, P, SMALL>(row.entering, row.leaving, i, sums);
-            }
-            // The first column stands for itself and for the `radius` columns left of the image.
-            for _ in 0..if i == 0 { radius + 1 } else { 1 } {
-                each::<V, P>(|p, half, at| {
-                    h[p][half] = h[p][half].add(V::load(sums.add(i.min(last) * lanes + at)))
-                });
-            }
-        }
-
-        let mut right: Column<V, P> = [[V::splat(u16::BLOCKED); 2]; P];
+        let mut walk = Walk::<V, P>::start::<SMALL>(row);
         let mut read = 0;
         for batch in (0..width).step_by(BATCH) {
             let end = (batch + BATCH).min(width);
-            for x in batch..end {
-                if x > 0 {
-                    let leaving = sums.add(x.saturating_sub(radius + 1) * lanes);
-                    let column = x + radius;
-                    if column <= last {
-                        let entering = slide_down::<V, P, SMALL>(row.entering, row.leaving, column, sums);
-                        each::<V, P>(|p, half, at| {
-                            h[p][half] = h[p][half].add(entering[p][half].sub(V::load(leaving.add(at))));
-                        });
-                    } else {
-                        let entering = sums.add(last * lanes);
-                        each::<V, P>(|p, half, at| {
-                            let change = V::load(entering.add(at)).sub(V::load(leaving.add(at)));
-                            h[p][half] = h[p][half].add(change);
-                        });
-                    }
+            // A batch never wraps around: the ring's length is a multiple of it.
+            let mut cells = ring.column(batch);
+            if inner.start <= batch && batch + BATCH <= inner.end {
+                for x in batch..batch + BATCH {
+                    walk.column::<SMALL, LEFT_RIGHT, false>(row, x, cells);
+                    cells = cells.add(ring.stride);
                 }
-
-                let mut costs = h;
-                if x < blocked_columns {
-                    let left = V::splat(*row.blocked_left.get_unchecked(x));
-                    let (rights, lanes) = (row.blocked_right.as_ptr().add(x), row.blocked_lanes.as_ptr());
-                    each::<V, P>(|p, half, at| {
-                        let blocked = left.or(V::load(rights.add(at))).or(V::load(lanes.add(at)));
-                        costs[p][half] = costs[p][half].or(blocked);
-                    });
+            } else {
+                for x in batch..end {
+                    walk.column::<SMALL, LEFT_RIGHT, true>(row, x, cells);
+                    cells = cells.add(ring.stride);
                 }
-
-                let mut least = costs[0][0].min(costs[0][1]);
-                for pair in &costs[1..] {
-                    least = least.min(pair[0].min(pair[1]));
-                }
-                let best = least.splat_min();
-                *row.best_lane.get_unchecked_mut(x) = first_equal(&costs, best) as u16;
-                if uniqueness_ratio > 0 {
-                    let limit =
-                        rival_limit(best.first().into(), uniqueness_ratio).min(u32::from(u16::BLOCKED) - 1);
-                    let limit = V::splat(limit as u16);
-                    let rivals: u32 = costs.iter().map(|&pair| V::count_at_most(pair, limit)).sum();
-                    *row.rivals.get_unchecked_mut(x) = rivals as u16;
-                }
-                if LEFT_RIGHT {
-                    each::<V, P>(|p, half, _| right[p][half] = right[p][half].min(costs[p][half]));
-                    *row.right_best.get_unchecked_mut(x) = right[0][0].first();
-                    if x < last {
-                        shift_down(&mut right);
-                    }
-                }
-                ring.put(x, &costs);
             }
-            let until = end.saturating_sub(delay);
-            read_back::<LEFT_RIGHT>(row, &ring, read..until.max(read));
-            read = until.max(read);
+            if LEFT_RIGHT || !V::PICKS_LANES {
+                let until = end.saturating_sub(delay).max(read);
+                read_back::<V, LEFT_RIGHT>(row, &ring, read..until);
+                read = until;
+            }
+        }
+        if !LEFT_RIGHT && V::PICKS_LANES {
+            return;
         }
         for column in width..width + reach {
             ring.block::<V, P>(column);
         }
-        read_back::<LEFT_RIGHT>(row, &ring, read..width);
+        read_back::<V, LEFT_RIGHT>(row, &ring, read..width);
         if LEFT_RIGHT {
+            // After the last column all lanes are final, not only the first.
             let tail = row.right_best.as_mut_ptr().add(last);
-            each::<V, P>(|p, half, at| right[p][half].store(tail.add(at)));
+            each::<V, P>(|p, half, at| walk.right[p][half].store(tail.add(at)));
         }
+    }
+}
+
+/// The state of the walk along a row.
+struct Walk<V, const P: usize> {
+    /// Window sums of the current column: `H`.
+    window: Column<V, P>,
+    /// Smallest costs so far of the right pixels opposite the current column: `R`.
+    right: Column<V, P>,
+}
+
+impl<V: Lanes, const P: usize> Walk<V, P> {
+    const LANES: usize = 2 * P * V::COUNT;
+
+    /// At column 0, before [`column`](Self::column).
+    ///
+    /// # Safety
+    /// As [`sad_row`].
+    #[inline(always)]
+    unsafe fn start<const SMALL: bool>(row: &mut SadRow<'_, u16>) -> Self {
+        let RowShape { width, radius, .. } = row.shape;
+        let sums = row.column_sums.as_mut_ptr();
+        // SAFETY: columns are clamped to the image's.
+        unsafe {
+            let mut window = [[V::splat(0); 2]; P];
+            for i in 0..=radius {
+                let column = i.min(width - 1);
+                if i == column {
+                    slide_down::<V, P, SMALL>(row.entering, row.leaving, column, sums);
+                }
+                // The first column stands for itself and for the `radius` columns left of the image.
+                for _ in 0..if i == 0 { radius + 1 } else { 1 } {
+                    each::<V, P>(|p, half, at| {
+                        window[p][half] = window[p][half].add(V::load(sums.add(column * Self::LANES + at)));
+                    });
+                }
+            }
+            Self { window, right: [[V::splat(u16::BLOCKED); 2]; P] }
+        }
+    }
+
+    /// Moves the window to column `x`, the next one, and writes what is known of it; its costs go to `cells`.
+    ///
+    /// # Safety
+    /// As [`sad_row`]; `cells` is the column's place in the ring. If not `EDGE`, the window around `x` and the one
+    /// before lie inside the image, no lane is blocked, and a column follows.
+    #[inline(always)]
+    unsafe fn column<const SMALL: bool, const LEFT_RIGHT: bool, const EDGE: bool>(
+        &mut self,
+        row: &mut SadRow<'_, u16>,
+        x: usize,
+        cells: *mut u16,
+    ) {
+        let RowShape { width, radius, blocked_columns, uniqueness_ratio, .. } = row.shape;
+        let (sums, last) = (row.column_sums.as_mut_ptr(), width - 1);
+        // SAFETY: column `c <= last` has its sums at `c * LANES`, its right pixels and their blocks at
+        // `c..c + LANES`; `check` made the slices that long.
+        unsafe {
+            if !EDGE || x > 0 {
+                let left = if EDGE { x.saturating_sub(radius + 1) } else { x - radius - 1 };
+                let leaving = sums.add(left * Self::LANES);
+                let entering = if !EDGE || x + radius <= last {
+                    slide_down::<V, P, SMALL>(row.entering, row.leaving, x + radius, sums)
+                } else {
+                    load::<V, P>(sums.add(last * Self::LANES))
+                };
+                each::<V, P>(|p, half, at| {
+                    let change = entering[p][half].sub(V::load(leaving.add(at)));
+                    self.window[p][half] = self.window[p][half].add(change);
+                });
+            }
+
+            let mut costs = self.window;
+            if EDGE && x < blocked_columns {
+                let left = V::splat(*row.blocked_left.get_unchecked(x));
+                let (rights, lanes) = (row.blocked_right.as_ptr().add(x), row.blocked_lanes.as_ptr());
+                each::<V, P>(|p, half, at| {
+                    let blocked = left.or(V::load(rights.add(at))).or(V::load(lanes.add(at)));
+                    costs[p][half] = costs[p][half].or(blocked);
+                });
+            }
+
+            let mut least = costs[0][0].min(costs[0][1]);
+            for pair in &costs[1..] {
+                least = least.min(pair[0].min(pair[1]));
+            }
+            let best = least.splat_min();
+            let lane = first_equal(&costs, best);
+            let chosen = row.chosen.get_unchecked_mut(x);
+            if V::PICKS_LANES {
+                *chosen = V::choice(&costs, lane);
+            } else {
+                chosen.lane = lane as u16;
+            }
+            if LEFT_RIGHT || !V::PICKS_LANES {
+                each::<V, P>(|p, half, at| costs[p][half].store(cells.add(at)));
+            }
+            if uniqueness_ratio > 0 {
+                let limit =
+                    rival_limit(best.first().into(), uniqueness_ratio).min(u32::from(u16::BLOCKED) - 1);
+                let limit = V::splat(limit as u16);
+                let rivals: u32 = costs.iter().map(|&pair| V::count_at_most(pair, limit)).sum();
+                *row.rivals.get_unchecked_mut(x) = rivals as u16;
+            }
+            if LEFT_RIGHT {
+                each::<V, P>(|p, half, _| self.right[p][half] = self.right[p][half].min(costs[p][half]));
+                *row.right_best.get_unchecked_mut(x) = self.right[0][0].first();
+                if !EDGE || x < last {
+                    shift_down(&mut self.right);
+                }
+            }
+        }
+    }
+}
+
+/// All lanes from memory.
+///
+/// # Safety
+/// The processor has the instructions of `V`; a column's cells follow `from`.
+#[inline(always)]
+unsafe fn load<V: Lanes, const P: usize>(from: *const u16) -> Column<V, P> {
+    // SAFETY: the caller's.
+    unsafe {
+        let mut column = [[V::splat(0); 2]; P];
+        each::<V, P>(|p, half, at| column[p][half] = V::load(from.add(at)));
+        column
     }
 }
 
@@ -234,11 +318,12 @@ unsafe fn slide_down<V: Lanes, const P: usize, const SMALL: bool>(
 /// The processor has the instructions of `V`.
 #[inline(always)]
 unsafe fn first_equal<V: Lanes, const P: usize>(costs: &Column<V, P>, best: V) -> usize {
-    let mut lane = 0;
-    // From the last pair to the first without a branch: which pair it is cannot be predicted.
-    for (p, &pair) in costs.iter().enumerate().rev() {
-        // SAFETY: the caller proves the instructions.
-        let bits = unsafe { V::equal_bits(pair, best) };
+    // SAFETY: the caller proves the instructions.
+    let bits = |p: usize| unsafe { V::equal_bits(costs[p], best) };
+    // From the last pair, which has it if no other does, to the first; without a branch, as no one could predict it.
+    let mut lane = 2 * (P - 1) * V::COUNT + bits(P - 1).trailing_zeros() as usize;
+    for p in (0..P - 1).rev() {
+        let bits = bits(p);
         let here = 2 * p * V::COUNT + bits.trailing_zeros() as usize;
         lane = if bits != 0 { here } else { lane };
     }
@@ -287,25 +372,17 @@ impl Ring {
         unsafe { self.start.add((x & self.mask) * self.stride) }
     }
 
-    /// # Safety
-    /// As [`column`](Self::column), and the processor has the instructions of `V`.
-    #[inline(always)]
-    unsafe fn put<V: Lanes, const P: usize>(&mut self, x: usize, costs: &Column<V, P>) {
-        // SAFETY: a pixel has `lanes` cells, which is what a column of vectors fills.
-        unsafe {
-            let cells = self.column(x);
-            each::<V, P>(|p, half, at| costs[p][half].store(cells.add(at)));
-        }
-    }
-
     /// A column outside the image: no lane is a candidate.
     ///
     /// # Safety
-    /// As [`put`](Self::put).
+    /// As [`column`](Self::column), and the processor has the instructions of `V`.
     #[inline(always)]
     unsafe fn block<V: Lanes, const P: usize>(&mut self, x: usize) {
-        // SAFETY: the caller's.
-        unsafe { self.put::<V, P>(x, &[[V::splat(u16::BLOCKED); 2]; P]) }
+        // SAFETY: a pixel has `lanes` cells, which is what `P` pairs of vectors fill.
+        unsafe {
+            let cells = self.column(x);
+            each::<V, P>(|_, _, at| V::splat(u16::BLOCKED).store(cells.add(at)));
+        }
     }
 }
 
@@ -314,7 +391,7 @@ impl Ring {
 /// # Safety
 /// `row.check` passed and the ring holds the columns from `columns.start - reach` to `columns.end - 1 + reach`.
 #[inline(always)]
-unsafe fn read_back<const LEFT_RIGHT: bool>(
+unsafe fn read_back<V: Lanes, const LEFT_RIGHT: bool>(
     row: &mut SadRow<'_, u16>,
     ring: &Ring,
     columns: std::ops::Range<usize>,
@@ -324,12 +401,15 @@ unsafe fn read_back<const LEFT_RIGHT: bool>(
         // SAFETY: columns are below the width. A lane is below `lanes`; what is read lies at most `reach` (at least
         // 1), or 2 after it, beside it, which the guards have room for.
         unsafe {
-            let lane = usize::from(*row.best_lane.get_unchecked(x));
-            let before = ring.column(x).add(lane).sub(1).cast::<[u16; 4]>();
-            let costs = before.read_unaligned();
-            *row.costs.get_unchecked_mut(x) = costs;
+            let chosen = row.chosen.get_unchecked_mut(x);
+            let lane = usize::from(chosen.lane);
+            if !V::PICKS_LANES {
+                let cells = ring.column(x).add(lane);
+                let [before, best, after] = [*cells.sub(1), *cells, *cells.add(1)];
+                *chosen = Choice { before, best, after, lane: chosen.lane };
+            }
             if LEFT_RIGHT {
-                let mut nearby = costs[1];
+                let mut nearby = chosen.best;
                 for j in 1..=reach {
                     let larger = *ring.column(x + j).add(lane).sub(j);
                     let smaller = *ring.column(x.wrapping_sub(j)).add(lane + j);
@@ -364,9 +444,7 @@ macro_rules! dispatch {
             4 => instance!(4),
             6 => instance!(6),
             8 => instance!(8),
-            12 => instance!(12),
             16 => instance!(16),
-            24 => instance!(24),
             32 => instance!(32),
             blocks => unreachable!("padded_lanes gives no {blocks} blocks of {LANE_BLOCK} lanes"),
         }

@@ -1,0 +1,344 @@
+//! Matching: `DisparityMap` and `StereoMatcher`.
+
+use std::sync::{Mutex, PoisonError};
+
+use epiline::image::Image;
+use epiline::matching::{DisparityMap, MatcherParams, Method, Prefilter, StereoMatcher};
+use numpy::PyArray2;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::convert::{OrRaise, Pixels, grey_image, image_array, mask_image, typed_image};
+
+/// Disparities of the left image, and per pixel the reasons it has none.
+///
+/// Parameters
+/// ----------
+/// raw : (H, W) uint16
+///     Disparity in 1/16 px.
+/// validity : (H, W) uint8
+///     Reasons, OR-ed: 1 border, 2 no source, 4 not unique, 8 left-right, 16 low texture, 32 speckle, 64 saturated;
+///     128 filled, which is a remark and no rejection.
+/// min_disparity, num_disparities : int
+///     The range searched, px.
+#[pyclass(name = "DisparityMap", module = "epiline")]
+pub struct PyDisparityMap {
+    /// The map itself.
+    pub inner: DisparityMap,
+}
+
+fn owned<T: numpy::Element + Copy + Default>(
+    name: &'static str,
+    pixels: &Pixels<'_, T>,
+) -> PyResult<Image<T>> {
+    let view = pixels.view();
+    Image::from_vec(name, view.rows().flatten().copied().collect(), view.width(), view.height()).or_raise()
+}
+
+#[pymethods]
+impl PyDisparityMap {
+    #[new]
+    #[pyo3(signature = (raw, validity, *, min_disparity = 0, num_disparities = 64))]
+    fn new(
+        raw: &Bound<'_, PyAny>,
+        validity: &Bound<'_, PyAny>,
+        min_disparity: i64,
+        num_disparities: i64,
+    ) -> PyResult<Self> {
+        let raw = owned("raw", &typed_image::<u16>("raw", raw, "uint16")?)?;
+        let validity = owned("validity", &typed_image::<u8>("validity", validity, "uint8")?)?;
+        let min_disparity = whole("min_disparity", min_disparity)?;
+        let num_disparities = whole("num_disparities", num_disparities)?;
+        Ok(Self {
+            inner: DisparityMap::from_parts(raw, validity, min_disparity, num_disparities).or_raise()?,
+        })
+    }
+
+    /// (H, W) float32: disparity, px; NaN where there is none. A new array at each access.
+    #[getter]
+    fn values<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f32>> {
+        image_array(py, &self.inner.to_f32())
+    }
+
+    /// (H, W) uint16: disparity, 1/16 px, also where it was rejected. A new array at each access.
+    #[getter]
+    fn raw<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<u16>> {
+        image_array(py, &self.inner.values)
+    }
+
+    /// (H, W) uint8: reasons for rejection, OR-ed. A new array at each access.
+    #[getter]
+    fn validity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<u8>> {
+        image_array(py, &self.inner.validity)
+    }
+
+    /// Smallest disparity searched, px.
+    #[getter]
+    fn min_disparity(&self) -> usize {
+        self.inner.min_disparity
+    }
+
+    /// How many whole disparities were searched.
+    #[getter]
+    fn num_disparities(&self) -> usize {
+        self.inner.num_disparities
+    }
+
+    /// Share of pixels that have a value, 0 to 1.
+    #[getter]
+    fn density(&self) -> f64 {
+        self.inner.density()
+    }
+
+    /// (H, W).
+    #[getter]
+    fn shape(&self) -> (usize, usize) {
+        (self.inner.height(), self.inner.width())
+    }
+
+    /// OpenCV's representation.
+    ///
+    /// Returns
+    /// -------
+    /// (H, W) int16
+    ///     16 times the disparity; 16 times (min_disparity - 1) where there is none.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     The range exceeds 2048 px.
+    fn to_opencv<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i16>>> {
+        Ok(image_array(py, &self.inner.to_opencv().or_raise()?))
+    }
+
+    fn __repr__(&self) -> String {
+        let map = &self.inner;
+        let end = map.min_disparity + map.num_disparities;
+        format!(
+            "DisparityMap({}x{} px, disparities {} to {} px, density {:.3})",
+            map.width(),
+            map.height(),
+            map.min_disparity,
+            end.saturating_sub(1),
+            map.density()
+        )
+    }
+}
+
+/// A parameter that cannot be negative, as the core's type for it.
+fn whole<T: TryFrom<i64>>(name: &'static str, value: i64) -> PyResult<T> {
+    T::try_from(value).map_err(|_| {
+        let expected = if value < 0 { "must not be negative" } else { "is far too large" };
+        PyValueError::new_err(format!("{name} = {value}: {expected}"))
+    })
+}
+
+/// Matches aligned pairs; keeps its buffers from call to call.
+///
+/// Sum of absolute differences over a square window, equation 5 of the 2011 paper; the window is clamped to the image
+/// and a pixel near the left edge has fewer candidates, not none. Of equal costs the larger disparity wins, as in
+/// OpenCV. The result depends neither on `threads` nor on the instruction set.
+///
+/// Parameters
+/// ----------
+/// method : {"sad"}
+///     The cost.
+/// num_disparities : int
+///     How many whole disparities to search, 1 to 1024: at least focal length x baseline / nearest depth.
+/// block_size : int
+///     Side of the window, odd, 1 to 31 px.
+/// min_disparity : int
+///     Smallest disparity, px. With num_disparities not more than the image's width.
+/// threads : int, optional
+///     None is all cores; the environment's EPILINE_THREADS caps either.
+/// prefilter : {"xsobel", "none"} or None
+///     "xsobel" is insensitive to exposure; none compares grey values, as the paper does.
+/// prefilter_cap : int
+///     Derivatives are clipped to plus or minus this, 1 to 63 grey levels.
+/// uniqueness_ratio : int
+///     Reject unless candidates beyond the best and its neighbours cost this many percent more; 0 is off.
+/// texture_threshold : int
+///     Reject windows whose sum of absolute x-Sobel is below this; 0 is off.
+/// left_right_max_diff : int, optional
+///     Reject where the right image's own best match differs by more than this many px; None is off.
+/// speckle_size : int
+///     Reject islands of at most this many pixels; 0 is off.
+/// speckle_range : int
+///     Neighbours within this many px hang together.
+/// subpixel : bool
+///     Refine to 1/16 px.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A parameter is outside its range.
+#[pyclass(name = "StereoMatcher", module = "epiline", frozen)]
+pub struct PyStereoMatcher {
+    params: MatcherParams,
+    inner: Mutex<StereoMatcher>,
+}
+
+impl PyStereoMatcher {
+    /// What it was made with.
+    pub fn params(&self) -> MatcherParams {
+        self.params
+    }
+}
+
+#[pymethods]
+impl PyStereoMatcher {
+    #[new]
+    #[pyo3(signature = (
+        *, method = "sad", num_disparities = 64, block_size = 15, min_disparity = 0, threads = None,
+        prefilter = Some("xsobel"), prefilter_cap = 31, uniqueness_ratio = 0, texture_threshold = 0,
+        left_right_max_diff = None, speckle_size = 0, speckle_range = 2, subpixel = true
+    ))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        method: &str,
+        num_disparities: i64,
+        block_size: i64,
+        min_disparity: i64,
+        threads: Option<i64>,
+        prefilter: Option<&str>,
+        prefilter_cap: i64,
+        uniqueness_ratio: i64,
+        texture_threshold: i64,
+        left_right_max_diff: Option<i64>,
+        speckle_size: i64,
+        speckle_range: i64,
+        subpixel: bool,
+    ) -> PyResult<Self> {
+        let method = match method {
+            "sad" => Method::Sad,
+            other => return Err(PyValueError::new_err(format!("method = '{other}': must be 'sad'"))),
+        };
+        let prefilter = match prefilter {
+            Some("xsobel") => Prefilter::XSobel,
+            Some("none") | None => Prefilter::None,
+            Some(other) => {
+                let message = format!("prefilter = '{other}': must be 'xsobel', 'none' or None");
+                return Err(PyValueError::new_err(message));
+            }
+        };
+        let params = MatcherParams {
+            method,
+            num_disparities: whole("num_disparities", num_disparities)?,
+            min_disparity: whole("min_disparity", min_disparity)?,
+            block_size: whole("block_size", block_size)?,
+            prefilter,
+            prefilter_cap: whole("prefilter_cap", prefilter_cap)?,
+            uniqueness_ratio: whole("uniqueness_ratio", uniqueness_ratio)?,
+            texture_threshold: whole("texture_threshold", texture_threshold)?,
+            left_right_max_diff: left_right_max_diff
+                .map(|px| whole("left_right_max_diff", px))
+                .transpose()?,
+            speckle_size: whole("speckle_size", speckle_size)?,
+            speckle_range: whole("speckle_range", speckle_range)?,
+            subpixel,
+            threads: threads.map(|count| whole("threads", count)).transpose()?,
+        };
+        Ok(Self { params, inner: Mutex::new(StereoMatcher::new(params).or_raise()?) })
+    }
+
+    /// dict: every parameter, by the name it is given with.
+    #[getter]
+    fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let params = &self.params;
+        let dict = PyDict::new(py);
+        dict.set_item(
+            "method",
+            match params.method {
+                Method::Sad => "sad",
+            },
+        )?;
+        dict.set_item("num_disparities", params.num_disparities)?;
+        dict.set_item("block_size", params.block_size)?;
+        dict.set_item("min_disparity", params.min_disparity)?;
+        dict.set_item("threads", params.threads)?;
+        let prefilter = match params.prefilter {
+            Prefilter::None => "none",
+            Prefilter::XSobel => "xsobel",
+        };
+        dict.set_item("prefilter", prefilter)?;
+        dict.set_item("prefilter_cap", params.prefilter_cap)?;
+        dict.set_item("uniqueness_ratio", params.uniqueness_ratio)?;
+        dict.set_item("texture_threshold", params.texture_threshold)?;
+        dict.set_item("left_right_max_diff", params.left_right_max_diff)?;
+        dict.set_item("speckle_size", params.speckle_size)?;
+        dict.set_item("speckle_range", params.speckle_range)?;
+        dict.set_item("subpixel", params.subpixel)?;
+        Ok(dict)
+    }
+
+    /// Disparities of the left image.
+    ///
+    /// Parameters
+    /// ----------
+    /// left, right : (H, W) or (H, W, 3) uint8
+    ///     Rectified images; three channels are blue, green, red.
+    /// left_valid, right_valid : (H, W) bool, optional
+    ///     Pixels that have a source; the others get no answer and are no one's match.
+    /// out : DisparityMap, optional
+    ///     Overwritten and returned, instead of a new one.
+    ///
+    /// Returns
+    /// -------
+    /// DisparityMap
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     Sizes differ, a type is wrong, or the images are narrower than the range of disparities.
+    #[pyo3(signature = (left, right, *, left_valid = None, right_valid = None, out = None))]
+    fn __call__<'py>(
+        &self,
+        py: Python<'py>,
+        left: &Bound<'py, PyAny>,
+        right: &Bound<'py, PyAny>,
+        left_valid: Option<&Bound<'py, PyAny>>,
+        right_valid: Option<&Bound<'py, PyAny>>,
+        out: Option<Bound<'py, PyDisparityMap>>,
+    ) -> PyResult<Bound<'py, PyDisparityMap>> {
+        let (left, right) = (grey_image("left", left)?, grey_image("right", right)?);
+        let left_valid = left_valid.map(|mask| mask_image("left_valid", mask)).transpose()?;
+        let right_valid = right_valid.map(|mask| mask_image("right_valid", mask)).transpose()?;
+        let out = match out {
+            Some(out) => out,
+            None => Bound::new(py, PyDisparityMap { inner: DisparityMap::default() })?,
+        };
+        {
+            let (left, right) = (left.view(), right.view());
+            let mut map = out.try_borrow_mut()?;
+            let map = &mut map.inner;
+            py.detach(|| {
+                // A panic in an earlier call leaves buffers that the next one sets up again.
+                let mut matcher = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
+                let (left_valid, right_valid) = (left_valid.as_ref(), right_valid.as_ref());
+                matcher.compute_masked(
+                    left,
+                    right,
+                    left_valid.map(Image::view),
+                    right_valid.map(Image::view),
+                    map,
+                )
+            })
+            .or_raise()?;
+        }
+        Ok(out)
+    }
+}
+
+/// The name of the instruction set in use: "avx512", "avx2", "neon" or "scalar". EPILINE_SIMD lowers it.
+#[pyfunction]
+fn simd_level() -> &'static str {
+    epiline::kernels::simd_level()
+}
+
+/// Adds the classes to the module.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PyDisparityMap>()?;
+    module.add_class::<PyStereoMatcher>()?;
+    module.add_function(wrap_pyfunction!(simd_level, module)?)
+}
