@@ -32,6 +32,7 @@ from epiline.sources.rendered import (
 )
 from epiline.sources.rendered.camera import rotation_xyz
 from epiline.sources.rendered.photograph import Lens, render
+from epiline.sources.rendered.scene import POSTS, WHITEWASH
 from epiline.sources.rendered.shading import shade
 from epiline.sources.rendered.textures import pattern
 
@@ -278,6 +279,22 @@ def test_texture_is_not_aliased(small):
     raw = radiance(0.0, 0.0, lens.pixel_rad / 12)
     assert abs((one - many).mean()) < 0.5
     assert np.sqrt(((one - many) ** 2).mean()) < 0.6 * np.sqrt(((raw - many) ** 2).mean())
+
+
+def test_hard_walls_for_matchers():
+    """A whitewashed wall has nothing to match; posts repeat along the scan-line."""
+    pose = world_from_optical((8.0, 0.0, 1.5), 0.0)
+    rows = {}
+    for name, material in (("plain", WHITEWASH), ("posts", POSTS)):
+        room = Room((-3, 11), (-3, 3), 3.0, DARK, DARK, material, DARK, DARK, DARK)
+        lens = Lens(default_rig(320, 240).left)
+        rows[name] = render(Tracer(Scene(room, ambient=1.0)), lens, pose)[120, 110:210, 1]
+    assert np.ptp(rows["plain"]) < 1.0
+    # 2.4 m / 16 bars at 3 m distance.
+    period = 0.15 * 259 / 3.0
+    spectrum = np.abs(np.fft.rfft(rows["posts"] - rows["posts"].mean()))
+    assert np.ptp(rows["posts"]) > 60
+    assert np.argmax(spectrum) == round(100 / period)
 
 
 def test_lamps_follow_lambert():
