@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import struct
+import zipfile
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -40,6 +43,11 @@ def test_mask_leaves_pixels_out() -> None:
     assert ep.evaluate(answers, truth, mask).bad1_total == 0.0
 
 
+def test_negative_answers_are_none_and_plain_lists_will_do() -> None:
+    scores = ep.evaluate([[-1.0, 5.0, 5.0]], [[5.0, 5.0, 9.0]], [[True, True, False]])  # type: ignore[arg-type]
+    assert (scores.pixels, scores.density, scores.avg, scores.bad1_total) == (2, 50.0, 0.0, 50.0)
+
+
 def test_shapes_that_differ_are_named() -> None:
     with pytest.raises(ValueError, match=r"\(2, 3\).*\(3, 2\)"):
         ep.evaluate(np.zeros((2, 3)), np.zeros((3, 2)))
@@ -56,7 +64,8 @@ def test_pfm_of_both_byte_orders(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".pfm", ".npy"])
 def test_disparity_files_keep_every_bit(tmp_path: Path, suffix: str) -> None:
-    values = np.array([[1.0625, np.nan], [63.9375, 0.0625]], np.float32)
+    # A disparity of zero is an answer: a point too far away to have a parallax.
+    values = np.array([[1.0625, np.nan], [63.9375, 0.0]], np.float32)
     write_disparity(tmp_path / f"d{suffix}", values)
     np.testing.assert_array_equal(read_disparity(tmp_path / f"d{suffix}"), values)
 
@@ -87,6 +96,52 @@ def test_damaged_pfm_is_refused(tmp_path: Path, content: bytes, complaint: str) 
     path.write_bytes(content)
     with pytest.raises(OSError, match=complaint):
         read_pfm(path)
+
+
+def numpy_file(shape: tuple[int, ...], dtype: str, body: bytes) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": dtype, "fortran_order": False, "shape": shape})
+    return stream.getvalue() + body
+
+
+def zipped(*members: bytes) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for i, member in enumerate(members):
+            archive.writestr(f"arr_{i}.npy", member)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "complaint"),
+    [
+        ("d.npy", b"", "reading magic string"),
+        ("d.npy", b"\x80\x04\x95" * 9, "magic string is not correct"),
+        ("d.npy", numpy_file((1_000_000, 1_000_000), "<f4", b""), "each side must be 1 to 16384 px"),
+        ("d.npy", numpy_file((10, 10), "<f4", bytes(50)), "truncated: 50 bytes.*need 400"),
+        ("d.npy", numpy_file((2, 2), "|O", bytes(32)), "real numbers.*object"),
+        ("d.npy", numpy_file((2, 2), "<c8", bytes(32)), "real numbers.*complex64"),
+        ("d.npy", numpy_file((2, 2, 3), "<f4", bytes(48)), r"\(2, 2, 3\)"),
+        ("d.npz", zipped(numpy_file((1_000_000, 1_000_000), "<f4", b"")), "each side must be 1 to 16384 px"),
+        ("d.npz", zipped(numpy_file((1, 1), "<f4", bytes(4)), numpy_file((1, 1), "<f4", bytes(4))), "it holds 2"),
+        ("d.npz", zipped(numpy_file((1, 1), "<f4", bytes(4)))[:-9], "not a zip file"),
+        ("d.pgm", b"P5\n# a comment\n100 100\n255\n" + bytes(50), "truncated PNM: 50 bytes.*need 10000"),
+    ],
+)
+def test_damaged_disparity_files_are_refused(tmp_path: Path, name: str, content: bytes, complaint: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(OSError, match=rf"{name}: .*{complaint}"):
+        read_disparity(path)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_arrays_as_numpy_saves_them(tmp_path: Path, order: Literal["C", "F"]) -> None:
+    values = np.arange(1, 7, dtype=np.float64).reshape(2, 3)
+    np.save(tmp_path / "d.npy", np.asarray(values, order=order))
+    np.savez_compressed(tmp_path / "d.npz", np.asarray(values, order=order))
+    for name in ("d.npy", "d.npz"):
+        np.testing.assert_array_equal(read_disparity(tmp_path / name, scale=2), values / 2)
 
 
 def test_truncated_png_truth_is_refused(tmp_path: Path) -> None:
@@ -125,15 +180,19 @@ def test_scores_equal_an_independent_scorer_on_real_scenes(data: Path) -> None:
         ours = ep.evaluate(values, scene.truth, scene.non_occluded)
         mask = scene.non_occluded
         wrong = answered = bad = 0
+        total_error = 0.0
         for value, truth in zip(values[mask].tolist(), scene.truth[mask].tolist(), strict=True):
             known = value == value
             answered += known
             off = abs(value - truth) if known else float("inf")
+            total_error += off if known else 0.0
             bad += off > 2
             wrong += off > 3 and off > 0.05 * truth
         count = int(mask.sum())
         assert ours.density == pytest.approx(100 * answered / count)
+        assert ours.avg == pytest.approx(total_error / answered)
         assert ours.bad2_total == pytest.approx(100 * bad / count)
+        assert ours.bad2_matched == pytest.approx(100 * (bad - (count - answered)) / answered)
         assert ours.d1_total == pytest.approx(100 * wrong / count)
 
 

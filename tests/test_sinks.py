@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import json
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
+import epiline
 from epiline._files import write_atomically
-from epiline.sinks.jsonl import JsonLines
+from epiline.sinks.jsonl import JsonLines, obstacle_record
 from epiline.sinks.pictures import write_picture
 from epiline.sinks.ply import write_ply
 
@@ -81,8 +84,6 @@ def test_jsonl_flushes_each_line() -> None:
         def flush(self) -> None:
             self.flushes += 1
 
-    from types import SimpleNamespace
-
     stream = Counting()
     result = SimpleNamespace(
         alignment=None,
@@ -97,3 +98,14 @@ def test_jsonl_flushes_each_line() -> None:
     record = json.loads(stream.getvalue())
     assert record["seq"] == 3
     assert record["stage_ms"] == {"match": None}
+
+
+def test_a_line_holds_everything_the_core_says_of_an_obstacle() -> None:
+    """Fields come from the stub, so that a new one cannot be forgotten here."""
+    stub = ast.parse((Path(epiline.__file__).parent / "_core.pyi").read_text(encoding="utf-8"))
+    (declared,) = (node for node in stub.body if isinstance(node, ast.ClassDef) and node.name == "Obstacle")
+    fields = {node.name for node in declared.body if isinstance(node, ast.FunctionDef)}
+    obstacle = SimpleNamespace(**dict.fromkeys(fields, 1.5) | {"box": (1, 2, 3, 4), "sigma_m": float("nan")})
+    record = obstacle_record(obstacle)  # type: ignore[arg-type]
+    assert set(record) == fields
+    assert (record["box"], record["sigma_m"], record["range_m"]) == ([1, 2, 3, 4], None, 1.5)

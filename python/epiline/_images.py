@@ -7,6 +7,7 @@ a textureless wall to a matcher, so completeness is checked here, on the bytes, 
 from __future__ import annotations
 
 import os
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -22,7 +23,10 @@ MAX_SIDE_PX = 16384
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8\xff"
-_OTHERS = (b"BM", b"P1", b"P2", b"P3", b"P4", b"P5", b"P6", b"II*\0", b"MM\0*", b"RIFF")
+_OTHERS = (b"BM", b"P1", b"P2", b"P3", b"P4", b"II*\0", b"MM\0*", b"RIFF")
+_BINARY_PNM = (b"P5", b"P6")
+# Magic, width, height, largest value; white space and comments between them, one white space before the pixels.
+_PNM_HEADER = re.compile(rb"P([56])" + 3 * rb"(?:\s|#[^\n]*\n)+(\d{1,9})" + rb"\s")
 
 
 def read_image(path: StrPath, *, channels: Literal["stored", "grey", "bgr"] = "stored") -> NDArray[np.uint8]:
@@ -103,6 +107,8 @@ def _check_complete(path: Path, data: bytes) -> None:
         _check_png(path, data)
     elif data.startswith(_JPEG):
         _check_jpeg(path, data)
+    elif data.startswith(_BINARY_PNM):
+        _check_pnm(path, data)
     elif not data.startswith(_OTHERS):
         raise OSError(f"{path}: not an image")
 
@@ -151,3 +157,17 @@ def _check_jpeg(path: Path, data: bytes) -> None:
             _check_size(path, width, height)
         at += 2 + length
     raise OSError(f"{path}: truncated JPEG: {len(data)} bytes, no image data")
+
+
+def _check_pnm(path: Path, data: bytes) -> None:
+    """Compares the header's size with the file's (netpbm's pgm(5) and ppm(5))."""
+    header = _PNM_HEADER.match(data)
+    if header is None:
+        raise OSError(f"{path}: damaged PNM: no header 'P5 WIDTH HEIGHT MAXVAL'")
+    width, height, largest = (int(header[i]) for i in (2, 3, 4))
+    _check_size(path, width, height)
+    needed = width * height * (3 if header[1] == b"6" else 1) * (2 if largest > 255 else 1)
+    if len(data) - header.end() < needed:
+        raise OSError(
+            f"{path}: truncated PNM: {len(data) - header.end()} bytes of pixels, {width}x{height} px need {needed}"
+        )

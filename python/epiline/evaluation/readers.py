@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import zipfile
+import zlib
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +29,7 @@ def read_disparity(path: Path, *, scale: float = 1.0) -> NDArray[np.float32]:
     Returns
     -------
     (H, W) float32
-        Pixels. Zero, negative and infinite values are unknown: NaN.
+        Pixels; NaN where unknown: 0 in an image, a negative or infinite number elsewhere.
 
     Raises
     ------
@@ -44,9 +47,8 @@ def read_disparity(path: Path, *, scale: float = 1.0) -> NDArray[np.float32]:
         stored = _read_numpy(path)
     else:
         stored = _read_image(path)
-    values: NDArray[np.float32] = np.asarray(stored, np.float32) / np.float32(scale)
-    with np.errstate(invalid="ignore"):
-        values[~(np.isfinite(values) & (values > 0))] = np.nan
+    values: NDArray[np.float32] = stored / np.float32(scale)
+    values[~(np.isfinite(values) & (values >= 0))] = np.nan
     return values
 
 
@@ -81,18 +83,46 @@ def read_pfm(path: Path) -> NDArray[np.float32]:
 
 def _read_numpy(path: Path) -> NDArray[np.float32]:
     try:
-        loaded = np.load(path, allow_pickle=False)
-        arrays = [loaded] if isinstance(loaded, np.ndarray) else [loaded[name] for name in loaded.files]
-    except (ValueError, EOFError, KeyError) as error:
-        raise OSError(f"{path}: not a NumPy file of numbers: {error}") from error
-    if len(arrays) != 1 or arrays[0].ndim != 2 or not np.issubdtype(arrays[0].dtype, np.number):
-        shapes = ", ".join(str(array.shape) for array in arrays)
-        raise ValueError(f"{path}: expected one (H, W) array of numbers, got {shapes or 'none'}")
-    return np.asarray(arrays[0], np.float32)
+        with path.open("rb") as file:
+            if path.suffix.lower() == ".npy":
+                return _read_array(file)
+            with zipfile.ZipFile(file) as archive:
+                names = archive.namelist()
+                if len(names) != 1:
+                    raise ValueError(f"expected one array, it holds {len(names)}")
+                with archive.open(names[0]) as member:
+                    return _read_array(member)
+    except (ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        raise OSError(f"{path}: not a disparity map in NumPy's format: {error}") from error
+
+
+def _read_array(stream: IO[bytes]) -> NDArray[np.float32]:
+    """One array; its header is checked before memory is taken for what the header promises."""
+    version = np.lib.format.read_magic(stream)
+    readers: dict[tuple[int, int], Any] = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    if version not in readers:
+        raise ValueError(f"format version {version}")
+    shape, column_major, dtype = readers[version](stream)
+    if len(shape) != 2 or dtype.kind not in "fiu":
+        raise ValueError(f"expected an (H, W) array of real numbers, got {shape} of {dtype}")
+    if not all(1 <= side <= MAX_SIDE_PX for side in shape):
+        raise ValueError(f"shape {shape}; each side must be 1 to {MAX_SIDE_PX} px")
+    needed = shape[0] * shape[1] * dtype.itemsize
+    body = stream.read(needed)
+    if len(body) < needed:
+        raise ValueError(f"truncated: {len(body)} bytes, {shape} of {dtype} need {needed}")
+    array = np.frombuffer(body, dtype).reshape(shape, order="F" if column_major else "C")
+    # What is too large for float32 is no disparity: infinite, hence unknown.
+    with np.errstate(over="ignore"):
+        return np.asarray(array, np.float32)
 
 
 def _read_image(path: Path) -> NDArray[np.float32]:
     from epiline._images import read_levels
 
     levels = read_levels(path)
-    return np.asarray(levels if levels.ndim == 2 else levels[..., 0], np.float32)
+    values = np.asarray(levels if levels.ndim == 2 else levels[..., 0], np.float32)
+    return np.where(values == 0, np.float32(np.nan), values)

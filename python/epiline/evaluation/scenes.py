@@ -59,20 +59,25 @@ class Scene:
     @cached_property
     def truth(self) -> NDArray[np.float32]:
         """(H, W) float32 px, NaN where unknown."""
-        return read_disparity(self.folder / self.entry["gt"], scale=float(self.entry["gt_scale"]))
+        return self._read_truth("gt")
 
     @cached_property
     def non_occluded(self) -> NDArray[np.bool_]:
         """(H, W): pixels with a truth that both cameras see, as far as the data set tells."""
         seen = np.isfinite(self.truth)
         if self.entry.get("gt_right"):
-            right = read_disparity(self.folder / self.entry["gt_right"], scale=float(self.entry["gt_scale"]))
-            seen &= agrees_with_right(self.truth, right)
+            seen &= agrees_with_right(self.truth, self._read_truth("gt_right"))
         if self.entry.get("mask"):
             mask = read_image(self.folder / self.entry["mask"], channels="grey")
             if mask.shape == seen.shape:
                 seen &= mask == _VISIBLE
         return seen
+
+    def _read_truth(self, key: str) -> NDArray[np.float32]:
+        values = read_disparity(self.folder / self.entry[key], scale=float(self.entry["gt_scale"]))
+        # No scene is infinitely far away: a truth of zero is a hole, in float files too.
+        values[values == 0] = np.nan
+        return values
 
 
 def agrees_with_right(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ _BAD_PX = (1.0, 2.0, 3.0)
 _D1_PX, _D1_SHARE = 3.0, 0.05
 
 
+@runtime_checkable
 class HasValues(Protocol):
     """A disparity map: `epiline.DisparityMap` or anything else with float values in pixels, NaN where unknown."""
 
@@ -63,7 +64,7 @@ def evaluate(disp: HasValues | Floats, ground_truth: Floats, mask: NDArray[np.bo
     Parameters
     ----------
     disp : DisparityMap or (H, W) float
-        Disparity, px; NaN where there is no answer.
+        Disparity, px; NaN, or a negative number as OpenCV writes it, where there is no answer.
     ground_truth : (H, W) float
         True disparity, px; NaN or infinite where unknown.
     mask : (H, W) bool, optional
@@ -78,15 +79,17 @@ def evaluate(disp: HasValues | Floats, ground_truth: Floats, mask: NDArray[np.bo
     ValueError
         The shapes differ.
     """
-    values = np.asarray(disp if isinstance(disp, np.ndarray) else disp.values, np.float64)
+    values = np.array(disp.values if isinstance(disp, HasValues) else disp, np.float64)
+    values[values < 0] = np.nan
     truth = np.asarray(ground_truth, np.float64)
     if values.ndim != 2 or values.shape != truth.shape:
         raise ValueError(f"disparity has shape {values.shape}, ground truth {truth.shape}; they must be one (H, W)")
     scored = np.isfinite(truth)
     if mask is not None:
-        if mask.shape != truth.shape:
-            raise ValueError(f"mask has shape {mask.shape}, ground truth {truth.shape}")
-        scored &= np.asarray(mask, bool)
+        chosen = np.asarray(mask, bool)
+        if chosen.shape != truth.shape:
+            raise ValueError(f"mask has shape {chosen.shape}, ground truth {truth.shape}")
+        scored &= chosen
     error = np.abs(values - truth)[scored]
     answered = np.isfinite(error)
     wrong = {f"bad{limit:g}": error > limit for limit in _BAD_PX}
