@@ -8,11 +8,12 @@
 //! sort by range
 //! ```
 
-use super::{Obstacle, ObstacleParams, PixelBox, check_size};
+use super::measure::{ClusterPixel, Measure};
+use super::{Obstacle, ObstacleParams};
 use crate::error::Result;
 use crate::image::Image;
 use crate::matching::{DisparityMap, Validity};
-use crate::range::depth_sigma_m;
+use crate::range::check_size;
 use crate::rectification::RectifiedGeometry;
 use crate::regions::{Region, UDisparity};
 
@@ -20,9 +21,6 @@ use crate::regions::{Region, UDisparity};
 const COLUMN_REACH: usize = 2;
 /// Bins of half a pixel that runs may be apart and still touch, whatever that is in metres.
 const BIN_REACH: usize = 2;
-/// Bins below a cluster's nearest that belong to its near side at least: the scatter of one surface.
-const SCATTER_BINS: usize = 3;
-
 /// An unbroken stretch of supported bins in one column of a region.
 #[derive(Debug, Clone, Copy)]
 struct Run {
@@ -36,65 +34,20 @@ struct Run {
 }
 
 /// Runs that touch.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 struct Cluster {
+    /// Columns that have a run, and the last of them.
+    columns: usize,
+    right: usize,
     /// Pixels; stays 0 for a cluster of too few columns.
     support: usize,
-    /// Columns that have a run, and the first and last of them.
-    columns: usize,
-    left: usize,
-    right: usize,
-    /// Largest bin, and the smallest that still belongs to the near side.
-    near: usize,
-    near_side: usize,
-    /// Pixels of the near side, and the sum of their columns.
-    near_support: usize,
-    near_column_sum: usize,
-    /// Extent across the optical axis, metres.
-    left_m: f64,
-    right_m: f64,
-    /// Where its pixels begin in the finder's lists, and how many have been put there.
+    /// Where its pixels begin in the finder's list, and how many have been put there.
     offset: usize,
     filled: usize,
 }
 
 impl Cluster {
-    /// A cluster before its first run, which is in this column: runs come column by column.
-    fn starting_at(column: usize) -> Self {
-        Self {
-            support: 0,
-            columns: 0,
-            left: column,
-            right: usize::MAX,
-            near: 0,
-            near_side: 0,
-            near_support: 0,
-            near_column_sum: 0,
-            left_m: f64::INFINITY,
-            right_m: f64::NEG_INFINITY,
-            offset: 0,
-            filled: 0,
-        }
-    }
-
-    fn add(&mut self, run: &Run, geometry: &RectifiedGeometry, region: &Region) {
-        self.columns += usize::from(self.right != run.column);
-        self.right = run.column;
-        self.near = self.near.max(run.near);
-        for (bin, edge) in [(run.near, -0.5), (run.near, 0.5), (run.far, -0.5), (run.far, 0.5)] {
-            let x = (region.x + run.column) as f64 + edge;
-            let across_m = depth_m(geometry, bin) * (x - geometry.cx_px) / geometry.focal_px;
-            self.left_m = self.left_m.min(across_m);
-            self.right_m = self.right_m.max(across_m);
-        }
-    }
-
-    /// Decides how far the near side goes, once the nearest bin is known.
-    fn set_near_side(&mut self, geometry: &RectifiedGeometry, range_gap_m: f64) {
-        let limit_m = depth_m(geometry, self.near) + range_gap_m;
-        let in_gap = (0..self.near).rev().take_while(|&bin| depth_m(geometry, bin) <= limit_m).count();
-        self.near_side = self.near.saturating_sub(in_gap.max(SCATTER_BINS));
-    }
+    const EMPTY: Self = Self { columns: 0, right: usize::MAX, support: 0, offset: 0, filled: 0 };
 }
 
 /// Finds obstacles; keeps its buffers from frame to frame.
@@ -109,9 +62,9 @@ pub struct ObstacleFinder {
     cluster_of_root: Vec<Option<usize>>,
     /// Cluster + 1 of each cell of the histogram; 0 is none.
     labels: Image<u32>,
-    /// Disparity and row of every pixel of every cluster, cluster by cluster.
-    raws: Vec<u16>,
-    rows: Vec<u16>,
+    /// The pixels of every cluster, cluster by cluster.
+    pixels: Vec<ClusterPixel>,
+    measure: Measure,
 }
 
 impl ObstacleFinder {
@@ -140,13 +93,12 @@ impl ObstacleFinder {
             self.u_disparity.count(disparity, region);
             self.find_runs(geometry, params);
             self.join_runs(geometry, params);
-            self.form_clusters(geometry, region, params);
+            self.form_clusters();
             self.label_cells(params);
             self.gather_pixels(disparity, region);
-            for cluster in self.clusters.iter().filter(|cluster| cluster.support > 0) {
-                let pixels = cluster.offset..cluster.offset + cluster.support;
-                let (raws, rows) = (&mut self.raws[pixels.clone()], &mut self.rows[pixels]);
-                let obstacle = measure(cluster, raws, rows, geometry, region, params);
+            for cluster in self.clusters.iter().filter(|c| c.support >= params.min_pixels.max(1)) {
+                let pixels = &mut self.pixels[cluster.offset..cluster.offset + cluster.support];
+                let obstacle = self.measure.obstacle(pixels, geometry, region, params);
                 if params.max_range_m.is_none_or(|limit_m| obstacle.range_m <= limit_m) {
                     out.push(obstacle);
                 }
@@ -225,20 +177,20 @@ impl ObstacleFinder {
         run
     }
 
-    fn form_clusters(&mut self, geometry: &RectifiedGeometry, region: &Region, params: &ObstacleParams) {
+    fn form_clusters(&mut self) {
         self.clusters.clear();
         self.cluster_of_root.clear();
         self.cluster_of_root.resize(self.runs.len(), None);
         for i in 0..self.runs.len() {
-            let (run, root) = (self.runs[i], self.root(i));
+            let (column, root) = (self.runs[i].column, self.root(i));
             let index = *self.cluster_of_root[root].get_or_insert_with(|| {
-                self.clusters.push(Cluster::starting_at(run.column));
+                self.clusters.push(Cluster::EMPTY);
                 self.clusters.len() - 1
             });
-            self.clusters[index].add(&run, geometry, region);
-        }
-        for cluster in &mut self.clusters {
-            cluster.set_near_side(geometry, params.range_gap_m);
+            // Runs come column by column.
+            let cluster = &mut self.clusters[index];
+            cluster.columns += usize::from(cluster.right != column);
+            cluster.right = column;
         }
     }
 
@@ -254,26 +206,20 @@ impl ObstacleFinder {
                 continue;
             }
             for bin in run.far..=run.near {
-                let count = usize::from(self.u_disparity.counts().at(run.column, bin));
-                cluster.support += count;
-                if bin >= cluster.near_side {
-                    cluster.near_support += count;
-                    cluster.near_column_sum += count * run.column;
-                }
+                cluster.support += usize::from(self.u_disparity.counts().at(run.column, bin));
                 self.labels.row_mut(bin)[run.column] = index as u32 + 1;
             }
         }
     }
 
-    /// Lists disparity and row of each cluster's pixels.
+    /// Lists each cluster's pixels.
     fn gather_pixels(&mut self, disparity: &DisparityMap, region: &Region) {
         let mut total = 0;
         for cluster in &mut self.clusters {
             (cluster.offset, cluster.filled) = (total, 0);
             total += cluster.support;
         }
-        self.raws.resize(total, 0);
-        self.rows.resize(total, 0);
+        self.pixels.resize(total, ClusterPixel::default());
         let columns = region.x..region.x + region.width;
         for y in region.y..region.y + region.height {
             let raws = &disparity.values.row(y)[columns.clone()];
@@ -285,8 +231,8 @@ impl ObstacleFinder {
                 let label = self.labels.row(UDisparity::bin(raw))[column];
                 if label > 0 {
                     let cluster = &mut self.clusters[label as usize - 1];
-                    self.raws[cluster.offset + cluster.filled] = raw;
-                    self.rows[cluster.offset + cluster.filled] = y as u16;
+                    let pixel = ClusterPixel { raw, x: (region.x + column) as u16, y: y as u16 };
+                    self.pixels[cluster.offset + cluster.filled] = pixel;
                     cluster.filled += 1;
                 }
             }
@@ -297,43 +243,4 @@ impl ObstacleFinder {
 /// Depth at the middle of a bin, metres; the runs hold only bins where it is positive and finite.
 fn depth_m(geometry: &RectifiedGeometry, bin: usize) -> f64 {
     geometry.depth_m(UDisparity::center_px(bin))
-}
-
-/// An obstacle from its pixels' disparities and rows, which are put in another order.
-fn measure(
-    cluster: &Cluster,
-    raws: &mut [u16],
-    rows: &mut [u16],
-    geometry: &RectifiedGeometry,
-    region: &Region,
-    params: &ObstacleParams,
-) -> Obstacle {
-    let mut ranked_row = |rank: usize| usize::from(*rows.select_nth_unstable(rank).1);
-    // A share of pixels, not the outermost one: a lone mismatch of the right disparity does not make it taller.
-    let outside = cluster.support / 50;
-    let (top, bottom) = (ranked_row(outside), ranked_row(cluster.support - 1 - outside));
-    // The near side holds the largest disparities: its median is the pixel half its number from the top.
-    let (_, &mut median_raw, _) = raws.select_nth_unstable(cluster.support - 1 - cluster.near_support / 2);
-
-    let depth_m = geometry.depth_m(f64::from(median_raw) / f64::from(DisparityMap::SCALE));
-    let column = region.x as f64 + cluster.near_column_sum as f64 / cluster.near_support as f64;
-    let ray = geometry.range_per_depth(column, 0.5 * (top + bottom) as f64);
-    let bounds = PixelBox {
-        x: region.x + cluster.left,
-        y: top,
-        width: cluster.right - cluster.left + 1,
-        height: bottom - top + 1,
-    };
-    Obstacle {
-        id: 0,
-        region: region.name.clone(),
-        bounds,
-        range_m: depth_m * ray,
-        depth_m,
-        sigma_m: ray * depth_sigma_m(geometry, depth_m, params.disparity_sigma_px),
-        bearing_rad: geometry.bearing_rad(column),
-        width_m: cluster.right_m - cluster.left_m,
-        height_m: bounds.height as f64 * depth_m / geometry.focal_px,
-        support: cluster.support,
-    }
 }

@@ -7,12 +7,13 @@
 //! minimum, in contrast, takes every single mismatch for an obstacle.
 
 mod clusters;
+mod measure;
 
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::matching::DisparityMap;
-use crate::range::{check_disparity_sigma, check_size};
+use crate::range::check_disparity_sigma;
 use crate::rectification::RectifiedGeometry;
 use crate::regions::Region;
 
@@ -26,6 +27,8 @@ pub struct ObstacleParams {
     pub min_support: usize,
     /// Columns an obstacle must be seen in, 1 to 10000.
     pub min_columns: usize,
+    /// Pixels an obstacle must have in all, 0 to 1000000.
+    pub min_pixels: usize,
     /// Nothing farther is reported; `None`: nothing whose disparity is less than 3 sigma.
     pub max_range_m: Option<f64>,
     /// Things this much apart in depth are two, metres, positive; where 1 px of disparity is more, 1 px.
@@ -36,7 +39,14 @@ pub struct ObstacleParams {
 
 impl Default for ObstacleParams {
     fn default() -> Self {
-        Self { min_support: 8, min_columns: 3, max_range_m: None, range_gap_m: 0.3, disparity_sigma_px: 0.25 }
+        Self {
+            min_support: 8,
+            min_columns: 3,
+            min_pixels: 64,
+            max_range_m: None,
+            range_gap_m: 0.3,
+            disparity_sigma_px: 0.25,
+        }
     }
 }
 
@@ -47,6 +57,13 @@ impl ObstacleParams {
             if !(1..=10_000).contains(&value) {
                 return Err(Error::invalid(name, format!("{value} px"), "must be 1 to 10000 px"));
             }
+        }
+        if self.min_pixels > 1_000_000 {
+            return Err(Error::invalid(
+                "min_pixels",
+                format!("{} px", self.min_pixels),
+                "must be 0 to 1000000 px",
+            ));
         }
         let positive = |value: f64| value > 0.0 && !value.is_nan();
         for (name, value) in [("max_range_m", self.max_range_m), ("range_gap_m", Some(self.range_gap_m))] {
@@ -97,9 +114,9 @@ pub struct Obstacle {
     pub sigma_m: f64,
     /// Bearing of its near side, radians: positive to the right of the optical axis.
     pub bearing_rad: f64,
-    /// Horizontal extent across the optical axis, metres.
+    /// Horizontal extent of its near side across the optical axis, metres.
     pub width_m: f64,
-    /// Vertical extent within the region, metres.
+    /// Vertical extent of `bounds` at the depth of the near side, metres: no more than the region shows.
     pub height_m: f64,
     /// Pixels.
     pub support: usize,

@@ -1,0 +1,225 @@
+//! Obstacles in worlds whose boxes, poles, floor and wall are known.
+
+mod scene;
+
+use epiline::matching::DisparityMap;
+use epiline::obstacles::{Obstacle, ObstacleFinder, ObstacleParams, find_obstacles};
+use epiline::regions::{Region, paper_regions};
+use scene::{Board, Flaws, HEIGHT, NO_FLAWS, ORDINARY, Random, WIDTH, World, disparity_of, geometry};
+
+fn whole() -> Vec<Region> {
+    vec![Region::whole(WIDTH, HEIGHT)]
+}
+
+fn find(world: &World, flaws: Flaws, seed: u64, params: &ObstacleParams) -> Vec<Obstacle> {
+    let geometry = geometry();
+    let map = disparity_of(world, &geometry, flaws, seed);
+    find_obstacles(&map, &geometry, &whole(), params).expect("parameters")
+}
+
+const NEAR_ROOM: ObstacleParams = ObstacleParams {
+    min_support: 8,
+    min_columns: 3,
+    min_pixels: 64,
+    max_range_m: Some(7.0),
+    range_gap_m: 0.3,
+    disparity_sigma_px: 0.25,
+};
+
+/// Boxes and poles between 1 and 6 m on a floor, none before another, before a wall at 10 m.
+fn random_world(seed: u64) -> World {
+    let mut random = Random::new(seed);
+    let mut boards = Vec::new();
+    // Sectors of 76 px keep them apart by more than a few columns.
+    for sector in 0..4 {
+        if random.uniform() < 0.3 {
+            continue;
+        }
+        let z = random.within(1.0, 6.0);
+        let (width_px, top) = if random.uniform() < 0.5 {
+            (random.within(20.0, 60.0), random.within(-0.5, 0.2))
+        } else {
+            (random.within(5.0, 12.0), random.within(-1.0, -0.3))
+        };
+        let from_px = 4.0 + 80.0 * f64::from(sector) + random.within(0.0, 72.0 - width_px) - 161.3;
+        let metres = |px: f64| px * z / 300.0;
+        boards.push(Board { z, left: metres(from_px), right: metres(from_px + width_px), top, bottom: 0.5 });
+    }
+    World { boards, floor_m: Some(0.5), wall: Some((10.0, 0.0)) }
+}
+
+/// Columns of the image a board covers.
+fn columns(board: &Board) -> (f64, f64) {
+    let x = |metres: f64| 161.3 + 300.0 * metres / board.z;
+    (x(board.left), x(board.right))
+}
+
+fn is(obstacle: &Obstacle, board: &Board) -> bool {
+    let (left, right) = columns(board);
+    let box_left = obstacle.bounds.x as f64;
+    let box_right = box_left + obstacle.bounds.width as f64;
+    let overlap = right.min(box_right) - left.max(box_left);
+    // 1 px of disparity or 5 %, whichever is more.
+    let limit_m = (board.z * board.z / 36.0).max(0.05 * board.z);
+    overlap > 0.5 * (right - left).max(box_right - box_left) && (obstacle.depth_m - board.z).abs() < limit_m
+}
+
+#[test]
+fn boxes_and_poles_are_found_and_nothing_else() {
+    let (mut boards, mut found, mut obstacles, mut right) = (0, 0, 0, 0);
+    let mut errors = Vec::new();
+    for seed in 0..60 {
+        let world = random_world(seed);
+        let got = find(&world, ORDINARY, seed, &NEAR_ROOM);
+        assert!(
+            got.is_sorted_by(|a, b| a.range_m <= b.range_m) && got.iter().enumerate().all(|(i, o)| o.id == i)
+        );
+        boards += world.boards.len();
+        found += world.boards.iter().filter(|board| got.iter().any(|o| is(o, board))).count();
+        obstacles += got.len();
+        for obstacle in &got {
+            if let Some(board) = world.boards.iter().find(|board| is(obstacle, board)) {
+                right += 1;
+                errors.push(obstacle.depth_m / board.z - 1.0);
+                let (left, end) = columns(board);
+                let middle = (0.5 * (left + end) - 161.8) / 300.0;
+                assert!((obstacle.bearing_rad - middle.atan()).abs() < 3.0 / 300.0, "{obstacle:?} {board:?}");
+                let limit_m = 4.0 * board.z / 300.0 + 0.15 * (board.right - board.left);
+                assert!(
+                    (obstacle.width_m - (board.right - board.left)).abs() < limit_m,
+                    "{obstacle:?} {board:?}"
+                );
+            } else {
+                eprintln!("false, seed {seed}: {obstacle:?} among {:?}", world.boards);
+            }
+        }
+        for board in world.boards.iter().filter(|board| !got.iter().any(|o| is(o, board))) {
+            eprintln!("missed, seed {seed}: {board:?} {got:?}");
+        }
+    }
+    let (precision, recall) = (f64::from(right) / obstacles as f64, found as f64 / boards as f64);
+    let bias = errors.iter().sum::<f64>() / errors.len() as f64;
+    eprintln!("precision {precision} recall {recall} of {boards} boards, bias {bias}");
+    assert!(boards > 120);
+    assert!(precision >= 0.97 && recall >= 0.95, "precision {precision} recall {recall} of {boards} boards");
+    assert!(bias.abs() < 0.005, "depth is off by {bias} in the mean");
+}
+
+#[test]
+fn a_floor_is_no_obstacle_until_it_rises_steeper_than_the_support_allows() {
+    let world = World { floor_m: Some(0.5), ..World::default() };
+    assert_eq!(find(&world, ORDINARY, 1, &NEAR_ROOM), []);
+    // 2 m above the floor each pixel of disparity holds 16.7 rows.
+    let high = World { floor_m: Some(2.0), ..World::default() };
+    assert_ne!(find(&high, NO_FLAWS, 1, &NEAR_ROOM), []);
+    let params = ObstacleParams { min_support: 20, ..NEAR_ROOM };
+    assert_eq!(find(&high, NO_FLAWS, 1, &params), []);
+}
+
+#[test]
+fn mismatches_give_birth_to_nothing() {
+    let world = World { wall: Some((10.0, 0.0)), ..World::default() };
+    for seed in 0..30 {
+        let flaws = Flaws { mismatches: 0.05, ..ORDINARY };
+        assert_eq!(find(&world, flaws, seed, &NEAR_ROOM), []);
+    }
+}
+
+#[test]
+fn a_gap_in_range_makes_two_and_none_makes_one() {
+    let board = |z: f64| Board { z, left: -0.1 * z, right: 0.1 * z, top: -0.2, bottom: 0.4 };
+    let behind = |z: f64| Board { z, left: 0.1 * z, right: 0.25 * z, top: -0.2, bottom: 0.4 };
+    let pair = |z: f64| World { boards: vec![board(1.0), behind(z)], ..World::default() };
+    let count = |world: &World, range_gap_m| {
+        find(world, NO_FLAWS, 0, &ObstacleParams { range_gap_m, ..NEAR_ROOM }).len()
+    };
+    assert_eq!(count(&pair(1.2), 0.1), 2);
+    assert_eq!(count(&pair(1.2), 0.3), 1);
+    assert_eq!(count(&pair(1.5), 0.3), 2);
+}
+
+#[test]
+fn measures_are_those_of_the_board() {
+    let board = Board { z: 2.0, left: 0.3, right: 0.8, top: -0.25, bottom: 0.35 };
+    let got = find(&World { boards: vec![board], ..World::default() }, NO_FLAWS, 0, &NEAR_ROOM);
+    let [obstacle] = &got[..] else { panic!("one board, but {got:?}") };
+    let pixel_m = 2.0 / 300.0;
+    assert!((obstacle.depth_m - 2.0).abs() < 1e-9, "{obstacle:?}");
+    assert!((obstacle.width_m - 0.5).abs() <= pixel_m && (obstacle.height_m - 0.6).abs() <= 4.0 * pixel_m);
+    assert!((obstacle.bearing_rad - (0.55_f64 / 2.0).atan()).abs() < 1.0 / 300.0);
+    assert!((obstacle.range_m - (4.0 + 0.55_f64.powi(2)).sqrt()).abs() < 0.01, "{obstacle:?}");
+    let sigma_m = 4.0 * 0.25 / 36.0 * obstacle.range_m / 2.0;
+    assert!((obstacle.sigma_m / sigma_m - 1.0).abs() < 1e-9);
+    let bounds = obstacle.bounds;
+    assert!((bounds.x as f64 - (161.3 + 45.0)).abs() <= 1.0 && (bounds.width as f64 - 75.0).abs() <= 1.0);
+    assert!((bounds.y as f64 - (118.6 - 37.5)).abs() <= 3.0 && (bounds.height as f64 - 90.0).abs() <= 5.0);
+    assert_eq!(obstacle.support, 75 * 90, "every pixel of it");
+}
+
+#[test]
+fn a_receding_wall_is_as_near_as_its_near_end() {
+    let world = World { wall: Some((2.0, -0.9)), ..World::default() };
+    let got = find(&world, ORDINARY, 3, &ObstacleParams { max_range_m: None, ..NEAR_ROOM });
+    let [wall] = &got[..] else { panic!("one wall, but {got:?}") };
+    let depth_at = |x: f64| 2.0 / (1.0 + 0.9 * (x - 161.3) / 300.0);
+    let nearest_m = depth_at(319.0);
+    assert!((nearest_m..nearest_m + 0.3).contains(&wall.depth_m), "{wall:?}, nearest {nearest_m} m");
+    assert!((depth_at(161.3 + 300.0 * wall.bearing_rad.tan()) - wall.depth_m).abs() < 0.05, "{wall:?}");
+}
+
+#[test]
+fn regions_limit_what_is_seen() {
+    let board = Board { z: 2.0, left: -0.2, right: 0.2, top: 0.0, bottom: 0.5 };
+    let geometry = geometry();
+    let map = disparity_of(&World { boards: vec![board], ..World::default() }, &geometry, NO_FLAWS, 0);
+    let bands = paper_regions(WIDTH, HEIGHT).expect("large enough");
+    let got = find_obstacles(&map, &geometry, &bands, &NEAR_ROOM).expect("parameters");
+    let mut names: Vec<_> = got.iter().map(|o| o.region.as_ref()).collect();
+    names.sort_unstable();
+    // Rows 118 to 193: the last band has but four of them.
+    assert_eq!(names, ["band_30", "band_40"]);
+    for obstacle in &got {
+        let region = bands.iter().find(|r| r.name == obstacle.region).expect("named");
+        let (top, bottom) = (obstacle.bounds.y, obstacle.bounds.y + obstacle.bounds.height);
+        assert!(region.y <= top && bottom <= region.y + region.height);
+    }
+    assert_eq!(find_obstacles(&map, &geometry, &[], &NEAR_ROOM), Ok(vec![]));
+}
+
+#[test]
+fn a_warm_finder_forgets_the_frame_before() {
+    let geometry = geometry();
+    let mut finder = ObstacleFinder::default();
+    let mut warm = Vec::new();
+    for seed in [3, 4, 3] {
+        let map = disparity_of(&random_world(seed), &geometry, ORDINARY, seed);
+        finder.find(&map, &geometry, &whole(), &NEAR_ROOM, &mut warm).expect("parameters");
+        assert_eq!(warm, find_obstacles(&map, &geometry, &whole(), &NEAR_ROOM).expect("parameters"));
+    }
+    let empty = DisparityMap::new(WIDTH, HEIGHT);
+    finder.find(&empty, &geometry, &whole(), &NEAR_ROOM, &mut warm).expect("parameters");
+    assert_eq!(warm, []);
+}
+
+#[test]
+fn bad_parameters_are_named() {
+    let geometry = geometry();
+    let map = DisparityMap::new(WIDTH, HEIGHT);
+    let bad = [
+        (ObstacleParams { min_support: 0, ..NEAR_ROOM }, "min_support = 0 px"),
+        (ObstacleParams { min_columns: 20_000, ..NEAR_ROOM }, "min_columns = 20000 px"),
+        (ObstacleParams { max_range_m: Some(-1.0), ..NEAR_ROOM }, "max_range_m = -1 m"),
+        (ObstacleParams { range_gap_m: f64::NAN, ..NEAR_ROOM }, "range_gap_m = NaN m"),
+        (ObstacleParams { disparity_sigma_px: -0.1, ..NEAR_ROOM }, "disparity_sigma_px = -0.1 px"),
+    ];
+    for (params, message) in bad {
+        let error = find_obstacles(&map, &geometry, &whole(), &params).expect_err(message).to_string();
+        assert!(error.contains(message), "{error}");
+    }
+    let outside = [Region::new("out", 0, 0, WIDTH + 1, 3)];
+    let error = find_obstacles(&map, &geometry, &outside, &NEAR_ROOM).expect_err("outside").to_string();
+    assert!(error.contains("'out'"), "{error}");
+    let error =
+        find_obstacles(&DisparityMap::new(3, 3), &geometry, &[], &NEAR_ROOM).expect_err("size").to_string();
+    assert!(error.contains("3x3"), "{error}");
+}
