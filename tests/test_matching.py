@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import epiline as ep
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+import epiline as ep
 
 LEFT_RIGHT, SPECKLE, NO_SOURCE, BORDER = 8, 32, 2, 1
 
@@ -67,7 +68,7 @@ def test_ties_are_broken_as_stereo_bm_breaks_them() -> None:
     np.testing.assert_array_equal(actual[inside], expected[inside])
 
 
-@pytest.mark.parametrize("ratio", [1, 10, 15, 40])
+@pytest.mark.parametrize("ratio", [1, 10, 15, 25])
 def test_uniqueness_equals_stereo_bm(ratio: int) -> None:
     left, right = textured_pair(220, 120, seed=1)
     right = cv2.GaussianBlur(right, (0, 0), 2.5)
@@ -82,12 +83,12 @@ def test_uniqueness_equals_stereo_bm(ratio: int) -> None:
 
 def test_texture_equals_stereo_bm() -> None:
     left, right = textured_pair(220, 120, seed=2)
-    contrast = np.linspace(0, 1, 220)[None]
+    contrast = np.linspace(0.6, 0, 220)[None]
     left, right = (np.rint(128 + contrast * (image.astype(float) - 128)).astype(np.uint8) for image in (left, right))
     theirs = stereo_bm(32, 9)
-    theirs.setTextureThreshold(900)
+    theirs.setTextureThreshold(600)
     expected = theirs.compute(left, right)
-    disp = ep.match(left, right, num_disparities=32, block_size=9, texture_threshold=900)
+    disp = ep.match(left, right, num_disparities=32, block_size=9, texture_threshold=600)
     inside = interior(left.shape, 32, 9)
     np.testing.assert_array_equal(disp.to_opencv()[inside], expected[inside])
     assert 0.02 < (disp.validity[inside] == 16).mean() < 0.98
@@ -110,7 +111,7 @@ def test_speckles_equal_filter_speckles(size: int, range_px: int) -> None:
     cv2.filterSpeckles(expected, -16, size, 16 * range_px)
     after = ep.match(left, right, **common, speckle_size=size, speckle_range=range_px)
     np.testing.assert_array_equal(after.to_opencv(), expected)
-    np.testing.assert_array_equal(after.validity & ~SPECKLE, before.validity)
+    np.testing.assert_array_equal(after.validity & (255 - SPECKLE), before.validity)
 
 
 def test_left_right_agrees_with_matching_the_mirrored_pair() -> None:
@@ -143,7 +144,7 @@ def test_left_border_is_answered_and_right() -> None:
 def test_half_pixel_is_found() -> None:
     left, right = textured_pair(200, 120)
     disp = ep.match(left, right, num_disparities=32, block_size=9)
-    block = disp.values[38:52, 74:92]
+    block = disp.values[36:54, 96:112]  # inside the plane at 21.5 px
     assert abs(np.median(block) - 21.5) <= 1 / 8
 
 
