@@ -87,6 +87,8 @@ class StereoCalibration:
     @staticmethod
     def load(path: Path) -> StereoCalibration: ...
 
+def read_kitti_projection(path: Path) -> dict[str, Any]: ...
+
 # ---- calibration -------------------------------------------------------------------------------
 
 def calibrate_points(

@@ -1,4 +1,4 @@
-"""Tsai's calibration of one camera (1987), coplanar and non-coplanar, as the paper and Willson's code name things.
+"""Tsai's calibration of one camera (1987), coplanar or not, as the paper and Willson's code name things.
 
 World coordinates are millimetres, right-handed; image x runs right, y down. With ``(xc, yc, zc) = R @ world + T``::
 
@@ -10,11 +10,16 @@ World coordinates are millimetres, right-handed; image x runs right, y down. Wit
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from epiline._core import Floats, tsai_calibrate
+from epiline._core import tsai_calibrate
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from epiline._core import Floats
 
 __all__ = ["Calibration", "Sensor", "calibrate"]
 

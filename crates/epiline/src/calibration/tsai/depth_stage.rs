@@ -51,13 +51,17 @@ pub(super) fn solve(
     })?;
     let in_front = seen.iter().all(|s| s.point.z + tz_mm > 0.0);
     if f_mm <= 0.0 || !in_front {
-        return Err(Error::degenerate(
-            METHOD,
-            format!(
-                "f = {f_mm:.3} mm, Tz = {tz_mm:.1} mm puts points behind the camera: the world coordinates are \
-                 left-handed (image x runs right, y down, z away), or the points are listed in another order"
-            ),
-        ));
+        // A plane has no handedness: what is wrong with it can only be its tilt, or the order.
+        let cause = if radial.coplanar {
+            "the plane is too nearly parallel to the image, which leaves f and Tz inseparable, or"
+        } else {
+            "the world coordinates are left-handed (seen from the camera x right, y down, z away is right-handed), or"
+        };
+        let reason = format!(
+            "f = {f_mm:.3} mm, Tz = {tz_mm:.1} mm puts points behind the camera: {cause} points and pixels are not \
+             listed in the same order"
+        );
+        return Err(Error::degenerate(METHOD, reason));
     }
     let (f_mm, tz_mm, kappa1) = refine(&seen, f_mm, tz_mm);
     if !(f_mm > 0.0 && f_mm.is_finite() && tz_mm.is_finite() && kappa1.is_finite()) {

@@ -116,6 +116,9 @@ const M_PER_MM: f64 = 1e-3;
 /// What errors call the computation.
 const METHOD: &str = "Tsai calibration";
 
+/// The largest standard deviation of f, relative to it, that is an answer at all.
+const MAX_FOCAL_SIGMA: f64 = 0.25;
+
 /// Points a full optimisation needs, as in Willson's.
 const MIN_POINTS_FULL: usize = 11;
 
@@ -279,6 +282,13 @@ fn optimise(
         translation_mm: std::array::from_fn(|i| sigma(pose[(3 + i, 3 + i)]) / M_PER_MM),
         angles: angle_sigmas,
     };
+    if sigma.f_mm > MAX_FOCAL_SIGMA * camera.f_mm {
+        let reason = format!(
+            "f = {:.3} ± {:.3} mm: the points leave f and Tz inseparable; tilt the plane by 30 degrees or more",
+            camera.f_mm, sigma.f_mm
+        );
+        return Err(Error::degenerate(METHOD, reason));
+    }
     Ok((camera, Some(sigma)))
 }
 

@@ -15,6 +15,9 @@ const FORMAT: &str = "epiline stereo rig";
 const VERSION: usize = 1;
 const LENS: &str = "brown-conrady";
 
+/// YAML's end of a document: without it, a file cut off within its last number would pass for a whole one.
+const END: &str = "...";
+
 /// The largest image side accepted, pixels.
 const MAX_SIDE_PX: usize = 16_384;
 
@@ -128,7 +131,7 @@ impl StereoCalibration {
         let path = path.as_ref();
         self.validate()?;
         let text = serde_saphyr::to_string(&RigFile::from(self)).map_err(|e| io_error(path, e))?;
-        write_atomically(path, &text)
+        write_atomically(path, &format!("{text}{END}\n"))
     }
 
     /// Reads a rig that [`save`](Self::save) wrote.
@@ -142,6 +145,9 @@ impl StereoCalibration {
         let text = read_text(path)?;
         let document = yaml::parse(path, &text)?;
         let root = Entry::root(path, &document);
+        if text.trim_end().lines().last() != Some(END) {
+            return Err(root.error(format!("is cut off: a rig file ends with a line '{END}'")));
+        }
         let format = root.get("format")?;
         if format.text()? != FORMAT {
             return Err(format.error(format!("is '{}'; expected '{FORMAT}'", format.text()?)));

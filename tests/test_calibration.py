@@ -1,0 +1,244 @@
+"""Stereo calibration against OpenCV, SciPy and photographs of real rigs."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import epiline as ep
+
+SIZE = (640, 480)
+INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+NAMES = [
+    *(f"{side}_{name}" for side in ("left", "right") for name in INTRINSICS),
+    *(f"rotation_{axis}" for axis in "xyz"),
+    *(f"translation_{axis}_m" for axis in "xyz"),
+]
+
+Corners = list[np.ndarray]
+
+
+def grid(columns: int, rows: int, square_m: float) -> np.ndarray:
+    return np.array([[x * square_m, y * square_m, 0.0] for y in range(rows) for x in range(columns)])
+
+
+def corners_of(pairs: list[tuple[Path, Path]], columns: int, rows: int, half_window: int) -> tuple[Corners, Corners]:
+    """OpenCV's corners, both grids of a pair listed from the same end."""
+    left: Corners = []
+    right: Corners = []
+    for pair in pairs:
+        found = []
+        for path in pair:
+            image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+            ok, corners = cv2.findChessboardCorners(image, (columns, rows))
+            assert ok, path
+            window = (half_window, half_window)
+            corners = cv2.cornerSubPix(image, corners.reshape(-1, 1, 2), window, (-1, -1), (3, 100, 0.01))
+            found.append(corners.reshape(-1, 2).astype(float))
+        if (found[0][-1] - found[0][0]) @ (found[1][-1] - found[1][0]) < 0:
+            found[1] = found[1][::-1]
+        left.append(found[0])
+        right.append(found[1])
+    return left, right
+
+
+@pytest.fixture(scope="session")
+def bouguet(data: Path) -> tuple[Corners, Corners]:
+    folder = data / "calib" / "opencv_bouguet"
+    numbers = [i for i in range(1, 15) if i != 10]
+    return corners_of([(folder / f"left{i:02d}.jpg", folder / f"right{i:02d}.jpg") for i in numbers], 9, 6, 5)
+
+
+@pytest.fixture(scope="session")
+def bumblebee(data: Path) -> tuple[Corners, Corners]:
+    folder = data / "calib" / "boofcv_Bumblebee2_Chess"
+    return corners_of([(folder / f"left{i:02d}.jpg", folder / f"right{i:02d}.jpg") for i in range(1, 12)], 6, 4, 5)
+
+
+@pytest.fixture(scope="module")
+def synthetic() -> tuple[Corners, Corners, np.ndarray, ep.StereoCalibration]:
+    """Eight noisy views of a known rig, projected by OpenCV."""
+    rng = np.random.default_rng(5)
+    board = grid(9, 6, 0.025)
+    left = ep.CameraModel([[534, 0, 342], [0, 533, 235], [0, 0, 1]], [-0.28, 0.09, 1e-3, -3e-4], width=640, height=480)
+    right = ep.CameraModel([[537, 0, 327], [0, 536, 250], [0, 0, 1]], [-0.29, 0.1, -5e-4, 4e-4], width=640, height=480)
+    turn = cv2.Rodrigues(np.array([0.006, 0.008, -0.004]))[0]
+    truth = ep.StereoCalibration(left, right, turn, [-0.0832, 9e-4, -2e-4])
+    seen: tuple[Corners, Corners] = ([], [])
+    for _ in range(8):
+        pose = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))[0]
+        points = board @ pose.T + [-0.08, -0.06, 0.38] + rng.uniform(-0.02, 0.02, 3)
+        for corners, model, p in (
+            (seen[0], left, points),
+            (seen[1], right, points @ truth.rotation.T + truth.translation_m),
+        ):
+            pixels = cv2.projectPoints(p, np.zeros(3), np.zeros(3), model.camera_matrix, model.distortion)[0]
+            corners.append(pixels.reshape(-1, 2) + rng.normal(0, 0.1, (len(board), 2)))
+    return *seen, board, truth
+
+
+def opencv_stereo(left: Corners, right: Corners, board: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """(rms, left matrix, right matrix, T) at the converged optimum of k1 k2 p1 p2."""
+    boards = [board.astype(np.float32)] * len(left)
+    lists = [[c.astype(np.float32) for c in side] for side in (left, right)]
+    flags, stop = cv2.CALIB_FIX_K3, (3, 300, 1e-12)
+    mono = [cv2.calibrateCamera(boards, side, SIZE, None, None, flags=flags, criteria=stop) for side in lists]
+    (_, k1, d1, *_), (_, k2, d2, *_) = mono
+    rms, k1, _, k2, _, _, t, *_ = cv2.stereoCalibrate(
+        boards, *lists, k1, d1, k2, d2, SIZE, flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS, criteria=stop
+    )
+    return rms, k1, k2, t.ravel()
+
+
+def vertical_px(calibration: ep.StereoCalibration, left: Corners, right: Corners) -> np.ndarray:
+    """|Vertical disparity| of corners after rectification by OpenCV's routines."""
+    turn = cv2.Rodrigues(cv2.Rodrigues(calibration.rotation)[0] / 2)[0]
+    center = -turn.T @ calibration.translation_m
+    axis = np.cross(center, [1.0, 0, 0])
+    angle = math.atan2(float(np.linalg.norm(axis)), float(center[0]))
+    level = cv2.Rodrigues(axis / np.linalg.norm(axis) * angle)[0]
+    focal = (calibration.left.camera_matrix[1, 1] + calibration.right.camera_matrix[1, 1]) / 2
+    rows = []
+    for model, frame, side in ((calibration.left, level @ turn, left), (calibration.right, level @ turn.T, right)):
+        pixels = np.concatenate(side)
+        ideal = cv2.undistortPoints(pixels.reshape(-1, 1, 2), model.camera_matrix, model.distortion).reshape(-1, 2)
+        rays = np.column_stack([ideal, np.ones(len(ideal))]) @ frame.T
+        rows.append(focal * rays[:, 1] / rays[:, 2])
+    return np.abs(rows[0] - rows[1])
+
+
+def test_the_published_optimum_of_opencvs_photographs(bouguet: tuple[Corners, Corners]) -> None:
+    left, right = bouguet
+    board = grid(9, 6, 0.025)
+    squared = ep.calibrate_points(left, right, [board] * 13, SIZE, loss="squared")
+    robust = ep.calibrate_points(left, right, [board] * 13, SIZE)
+    for found in (squared, robust):
+        assert found.rms_px == pytest.approx(0.2153, abs=5e-4)
+        assert found.baseline_m == pytest.approx(0.083183, abs=2e-5)
+        assert found.left.camera_matrix[0, 0] == pytest.approx(533.56, abs=0.05)
+        assert found.right.camera_matrix[0, 0] == pytest.approx(536.89, abs=0.05)
+        assert found.epipolar_error_px < 0.1345
+    # The same corners through OpenCV: one optimum. Its corners are float32.
+    rms, k1, k2, t = opencv_stereo(left, right, board)
+    assert squared.rms_px == pytest.approx(rms, rel=1e-6)
+    np.testing.assert_allclose(squared.left.camera_matrix, k1, rtol=1e-4)
+    np.testing.assert_allclose(squared.right.camera_matrix, k2, rtol=1e-4)
+    np.testing.assert_allclose(squared.translation_m, t, atol=2e-6)
+
+
+def test_the_bumblebee(bumblebee: tuple[Corners, Corners]) -> None:
+    left, right = bumblebee
+    found = ep.calibrate_points(left, right, [grid(6, 4, 0.03)] * 11, SIZE)
+    assert found.baseline_m == pytest.approx(0.120, abs=6e-4)
+    assert found.rms_px <= 0.10
+    assert found.epipolar_error_px <= 0.06
+    assert found.sigma["translation_x_m"] < 2e-4
+
+
+def test_held_out_error_is_that_of_the_halves(bouguet: tuple[Corners, Corners]) -> None:
+    left, right = bouguet
+    board = grid(9, 6, 0.025)
+    errors = []
+    for first in (0, 1):
+        fit = [i for i in range(13) if i % 2 != first]
+        half = ep.calibrate_points(
+            [left[i] for i in fit], [right[i] for i in fit], [board] * len(fit), SIZE, held_out=False
+        )
+        assert math.isnan(half.epipolar_error_px)
+        errors.append(vertical_px(half, left[first::2], right[first::2]))
+    whole = ep.calibrate_points(left, right, [board] * 13, SIZE)
+    # OpenCV's removal of distortion stops after five iterations.
+    assert whole.epipolar_error_px == pytest.approx(np.concatenate(errors).mean(), rel=1e-3)
+
+
+def test_tsai_rectifies_real_photographs(bouguet: tuple[Corners, Corners]) -> None:
+    left, right = bouguet
+    found = ep.calibrate_points(left, right, [grid(9, 6, 0.025)] * 13, SIZE, method="tsai")
+    assert found.epipolar_error_px < 0.3
+    assert found.baseline_m == pytest.approx(0.0832, rel=0.01)
+    assert vertical_px(found, left, right).mean() < 0.3
+
+
+def test_optimum_and_covariance_are_scipys(
+    synthetic: tuple[Corners, Corners, np.ndarray, ep.StereoCalibration],
+) -> None:
+    left, right, board, _ = synthetic
+    found = ep.calibrate_points(left, right, [board] * 8, SIZE, loss="squared", model="brown5")
+    assert list(found.sigma) == NAMES
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        cameras = x[:9], x[9:18]
+        rig_turn = cv2.Rodrigues(x[18:21])[0] @ found.rotation
+        rows = []
+        for i, view in enumerate(found.views):
+            step = x[24 + 6 * i : 30 + 6 * i]
+            points = board @ (cv2.Rodrigues(step[:3])[0] @ view.rotation).T + view.translation_m + step[3:]
+            for (fx, fy, cx, cy, *d), p, seen in zip(
+                cameras, (points, points @ rig_turn.T + x[21:24]), (left[i], right[i]), strict=True
+            ):
+                k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+                pixels = cv2.projectPoints(p, np.zeros(3), np.zeros(3), k, np.array(d))[0].reshape(-1, 2)
+                rows.append(pixels - seen)
+        return np.concatenate(rows).ravel()
+
+    start = np.zeros(24 + 6 * 8)
+    for offset, model in ((0, found.left), (9, found.right)):
+        k = model.camera_matrix
+        start[offset : offset + 9] = [k[0, 0], k[1, 1], k[0, 2], k[1, 2], *model.distortion]
+    start[21:24] = found.translation_m
+    r = residuals(start)
+    assert found.rms_px == pytest.approx(math.sqrt(2 * np.mean(r**2)), rel=1e-9)
+    # Three-point derivatives: the optimum must be SciPy's to a small part of its own uncertainty.
+    best = least_squares(
+        residuals, start, jac="3-point", x_scale="jac", xtol=1e-12, ftol=1e-14, gtol=1e-12, max_nfev=20
+    )
+    covariance = np.linalg.inv(best.jac.T @ best.jac) * (2 * best.cost / (r.size - start.size))
+    sigma = np.sqrt(np.diag(covariance))[:24]
+    assert np.abs((best.x - start)[:24] / sigma).max() < 1e-3
+    np.testing.assert_allclose([found.sigma[name] for name in NAMES], sigma, rtol=1e-3)
+    assert found.covariance is not None
+    np.testing.assert_allclose(
+        found.covariance / np.outer(sigma, sigma), covariance[:24, :24] / np.outer(sigma, sigma), atol=2e-3
+    )
+
+
+def test_an_outlier_is_forgiven_and_seen(
+    synthetic: tuple[Corners, Corners, np.ndarray, ep.StereoCalibration],
+) -> None:
+    left, right, board, truth = synthetic
+    broken = [c.copy() for c in right]
+    broken[3][[7, 20, 33]] += [4.0, -3.0]
+    clean = ep.calibrate_points(left, right, [board] * 8, SIZE)
+    robust = ep.calibrate_points(left, broken, [board] * 8, SIZE)
+    squared = ep.calibrate_points(left, broken, [board] * 8, SIZE, loss="squared")
+    shift_robust = abs(robust.baseline_m - clean.baseline_m)
+    assert shift_robust < clean.sigma["translation_x_m"]
+    assert shift_robust < 0.3 * abs(squared.baseline_m - clean.baseline_m)
+    assert max(range(8), key=lambda i: robust.views[i].right_rms_px) == 3
+    assert abs(clean.baseline_m - truth.baseline_m) < 4 * clean.sigma["translation_x_m"]
+
+
+def test_bad_input_is_refused_in_words(
+    synthetic: tuple[Corners, Corners, np.ndarray, ep.StereoCalibration],
+) -> None:
+    left, right, board, _ = synthetic
+    boards = [board] * 8
+    with pytest.raises(ValueError, match="7 views"):
+        ep.calibrate_points(left[:7], right, boards, SIZE)
+    with pytest.raises(ValueError, match="board views: 1 given"):
+        ep.calibrate_points(left[:1], right[:1], boards[:1], SIZE)
+    with pytest.raises(ValueError, match=r"left_px\[2\]"):
+        ep.calibrate_points([*left[:2], np.zeros((54, 3)), *left[3:]], right, boards, SIZE)
+    with pytest.raises(ValueError, match="NaN"):
+        ep.calibrate_points([*left[:2], np.full((54, 2), math.nan), *left[3:]], right, boards, SIZE)
+    with pytest.raises(ValueError, match="method"):
+        ep.calibrate_points(left, right, boards, SIZE, method="zhang")  # type: ignore[arg-type]
+    with pytest.raises(ep.Error, match="swapped"):
+        ep.calibrate_points(right, left, boards, SIZE)
+    with pytest.raises(ep.Error, match="other end"):
+        ep.calibrate_points(left, [right[0][::-1], *right[1:]], boards, SIZE)
