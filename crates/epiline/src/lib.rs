@@ -7,6 +7,7 @@ pub mod image;
 pub mod kernels;
 pub mod matching;
 pub mod obstacles;
+pub mod pipeline;
 pub mod preprocess;
 pub mod range;
 pub mod rectification;

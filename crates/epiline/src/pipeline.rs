@@ -1,0 +1,335 @@
+//! The whole path for one frame after the other: every buffer is here, and one `process`.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use crate::camera::StereoCalibration;
+use crate::error::{Error, Result};
+use crate::image::{Image, ImageRef, StereoPair};
+use crate::matching::{DisparityMap, MatcherParams, StereoMatcher};
+use crate::obstacles::{Obstacle, ObstacleFinder, ObstacleParams};
+use crate::preprocess::equalize_histogram;
+use crate::range::{RangeImage, Triangulation};
+use crate::rectification::{AlignmentError, AlignmentMeter, AlignmentOptions, RectifiedGeometry, Rectifier};
+use crate::regions::{ProfileParams, Profiler, Region, RegionProfile};
+
+/// What a [`Pipeline`] does to each pair.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PipelineParams {
+    /// Matching.
+    pub matcher: MatcherParams,
+    /// Equalise both histograms first (eq. 3 of the paper). Only for matching without a prefilter.
+    pub equalize: bool,
+    /// Measure how well the rows of each pair agree.
+    pub alignment: bool,
+    /// Standard deviation of a disparity, px; used by all stages, whatever `profile` and `obstacles` say.
+    pub disparity_sigma_px: f64,
+    /// How regions are read.
+    pub profile: ProfileParams,
+    /// How obstacles are found.
+    pub obstacles: ObstacleParams,
+}
+
+impl Default for PipelineParams {
+    fn default() -> Self {
+        Self {
+            matcher: MatcherParams::default(),
+            equalize: false,
+            alignment: true,
+            disparity_sigma_px: 0.25,
+            profile: ProfileParams::default(),
+            obstacles: ObstacleParams::default(),
+        }
+    }
+}
+
+/// How long each stage took; zero for one that is off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[expect(missing_docs, reason = "the names are those of the stages")]
+pub struct StageTimes {
+    pub equalize: Duration,
+    pub rectify: Duration,
+    pub matching: Duration,
+    pub range: Duration,
+    pub regions: Duration,
+    pub obstacles: Duration,
+    pub alignment: Duration,
+    pub total: Duration,
+}
+
+/// Everything known about one pair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameResult {
+    /// Running number, as the source gave it.
+    pub seq: u64,
+    /// When the left image was exposed, nanoseconds on the source's clock.
+    pub left_stamp_nanos: i64,
+    /// When the right image was exposed, same clock.
+    pub right_stamp_nanos: i64,
+    /// Aligned left image.
+    pub left: Image<u8>,
+    /// Aligned right image.
+    pub right: Image<u8>,
+    /// Where the aligned images have a source (255) and where not (0): left, right. The same for all frames.
+    pub valid: Arc<[Image<u8>; 2]>,
+    /// Disparities of the left image.
+    pub disparity: DisparityMap,
+    /// Metres of the left image.
+    pub range: RangeImage,
+    /// One per region.
+    pub profiles: Vec<RegionProfile>,
+    /// Obstacles of all regions, nearest first.
+    pub obstacles: Vec<Obstacle>,
+    /// Vertical residual of the pair, if asked for.
+    pub alignment: Option<AlignmentError>,
+    /// How long it took.
+    pub times: StageTimes,
+}
+
+/// From raw or aligned pairs to ranges, regions and obstacles.
+///
+/// Keeps every buffer: with one thread a warm [`process`](Self::process) allocates next to nothing.
+#[derive(Debug)]
+pub struct Pipeline {
+    params: PipelineParams,
+    regions: Vec<Region>,
+    geometry: RectifiedGeometry,
+    /// `None` if pairs come aligned.
+    rectifier: Option<Rectifier>,
+    valid: Arc<[Image<u8>; 2]>,
+    matcher: StereoMatcher,
+    triangulation: Triangulation,
+    profiler: Profiler,
+    finder: ObstacleFinder,
+    meter: AlignmentMeter,
+    equalized: [Image<u8>; 2],
+    result: Option<FrameResult>,
+}
+
+impl Pipeline {
+    /// A pipeline for pairs as the calibrated cameras take them.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Rectifier::new`]; [`Error::InvalidParameter`] for parameters out of range or a region outside the
+    /// aligned image.
+    pub fn for_cameras(
+        calibration: &StereoCalibration,
+        regions: Vec<Region>,
+        params: PipelineParams,
+    ) -> Result<Self> {
+        let rectifier = Rectifier::new(calibration)?;
+        let geometry = *rectifier.geometry();
+        let valid = [rectifier.left_valid(), rectifier.right_valid()].map(copy_of);
+        Self::new(geometry, Some(rectifier), valid, regions, params)
+    }
+
+    /// A pipeline for pairs that come aligned.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::InvalidParameter`] for parameters out of range or a region outside the image.
+    pub fn for_aligned(
+        geometry: RectifiedGeometry,
+        regions: Vec<Region>,
+        params: PipelineParams,
+    ) -> Result<Self> {
+        let whole = || Image::from_fn(geometry.width, geometry.height, |_, _| 255);
+        Self::new(geometry, None, [whole(), whole()], regions, params)
+    }
+
+    fn new(
+        geometry: RectifiedGeometry,
+        rectifier: Option<Rectifier>,
+        valid: [Image<u8>; 2],
+        regions: Vec<Region>,
+        mut params: PipelineParams,
+    ) -> Result<Self> {
+        let matcher = StereoMatcher::new(params.matcher)?;
+        params.profile.disparity_sigma_px = params.disparity_sigma_px;
+        params.profile.validate()?;
+        params.obstacles.disparity_sigma_px = params.disparity_sigma_px;
+        params.obstacles.validate()?;
+        for region in &regions {
+            region.validate(geometry.width, geometry.height)?;
+        }
+        let MatcherParams { min_disparity, num_disparities, .. } = params.matcher;
+        let searched =
+            AlignmentOptions { num_disparities: min_disparity + num_disparities, ..Default::default() };
+        Ok(Self {
+            params,
+            regions,
+            geometry,
+            rectifier,
+            valid: Arc::new(valid),
+            matcher,
+            triangulation: Triangulation::new(&geometry, params.disparity_sigma_px)?,
+            profiler: Profiler::default(),
+            finder: ObstacleFinder::default(),
+            meter: AlignmentMeter::new(searched)?,
+            equalized: [Image::default(), Image::default()],
+            result: None,
+        })
+    }
+
+    /// Geometry of the aligned images.
+    pub fn geometry(&self) -> &RectifiedGeometry {
+        &self.geometry
+    }
+
+    /// The regions read.
+    pub fn regions(&self) -> &[Region] {
+        &self.regions
+    }
+
+    /// The parameters in use.
+    pub fn params(&self) -> &PipelineParams {
+        &self.params
+    }
+
+    /// A result without content, to fill with [`process_into`](Self::process_into).
+    pub fn empty_result(&self) -> FrameResult {
+        FrameResult {
+            seq: 0,
+            left_stamp_nanos: 0,
+            right_stamp_nanos: 0,
+            left: Image::default(),
+            right: Image::default(),
+            valid: self.valid.clone(),
+            disparity: DisparityMap::default(),
+            range: RangeImage::new(&self.geometry),
+            profiles: self.regions.iter().cloned().map(RegionProfile::new).collect(),
+            obstacles: Vec::new(),
+            alignment: None,
+            times: StageTimes::default(),
+        }
+    }
+
+    /// Processes a pair. The result stays valid until the next call.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::SizeMismatch`] unless both images have the size of the calibrated (or, for
+    /// [`for_aligned`](Self::for_aligned), the aligned) images; what the matcher refuses.
+    pub fn process(&mut self, pair: StereoPair<'_>) -> Result<&FrameResult> {
+        let mut result = self.result.take().unwrap_or_else(|| self.empty_result());
+        let outcome = self.process_into(pair, &mut result);
+        let result = self.result.insert(result);
+        outcome.map(|()| &*result)
+    }
+
+    /// Processes a pair into a result of the caller's, made by [`empty_result`](Self::empty_result) of this pipeline.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`process`](Self::process); the result's content is unspecified then.
+    pub fn process_into(&mut self, pair: StereoPair<'_>, result: &mut FrameResult) -> Result<()> {
+        let begin = Instant::now();
+        let mut lap = Lap(begin);
+        let times = &mut result.times;
+        (result.seq, result.left_stamp_nanos, result.right_stamp_nanos) =
+            (pair.seq, pair.left_stamp_nanos, pair.right_stamp_nanos);
+
+        let [mut left, mut right] = [pair.left, pair.right];
+        if self.params.equalize {
+            equalize_histogram(left, &mut self.equalized[0]);
+            equalize_histogram(right, &mut self.equalized[1]);
+            [left, right] = self.equalized.each_ref().map(Image::view);
+        }
+        times.equalize = lap.time();
+
+        if let Some(rectifier) = &self.rectifier {
+            rectifier.rectify_left(left, &mut result.left)?;
+            rectifier.rectify_right(right, &mut result.right)?;
+        } else {
+            self.require_aligned_size(left)?;
+            left.require_same_size("left image", &right, "right image")?;
+            copy_into(left, &mut result.left);
+            copy_into(right, &mut result.right);
+        }
+        times.rectify = lap.time();
+
+        let (left, right) = (result.left.view(), result.right.view());
+        // Pairs that come aligned have a source everywhere.
+        let [left_valid, right_valid] =
+            self.valid.each_ref().map(|mask| self.rectifier.is_some().then(|| mask.view()));
+        self.matcher.compute_masked(left, right, left_valid, right_valid, &mut result.disparity)?;
+        times.matching = lap.time();
+
+        self.triangulation.apply(&result.disparity, &mut result.range)?;
+        times.range = lap.time();
+
+        for profile in &mut result.profiles {
+            self.profiler.read(&result.disparity, Some(&self.geometry), &self.params.profile, profile)?;
+        }
+        times.regions = lap.time();
+
+        self.finder.find(
+            &result.disparity,
+            &self.geometry,
+            &self.regions,
+            &self.params.obstacles,
+            &mut result.obstacles,
+        )?;
+        times.obstacles = lap.time();
+
+        if self.params.alignment {
+            let measured = self.meter.measure(left, right, left_valid, right_valid)?;
+            store(measured, &mut result.alignment);
+        }
+        times.alignment = lap.time();
+        times.total = begin.elapsed();
+        Ok(())
+    }
+
+    fn require_aligned_size(&self, left: ImageRef<'_, u8>) -> Result<()> {
+        let RectifiedGeometry { width, height, .. } = self.geometry;
+        if (left.width(), left.height()) == (width, height) {
+            return Ok(());
+        }
+        Err(Error::SizeMismatch {
+            first: "left image",
+            first_width: left.width(),
+            first_height: left.height(),
+            second: "geometry",
+            second_width: width,
+            second_height: height,
+        })
+    }
+}
+
+/// Time since the last look.
+struct Lap(Instant);
+
+impl Lap {
+    fn time(&mut self) -> Duration {
+        let now = Instant::now();
+        now - std::mem::replace(&mut self.0, now)
+    }
+}
+
+fn copy_into(src: ImageRef<'_, u8>, dst: &mut Image<u8>) {
+    dst.resize(src.width(), src.height());
+    for (y, row) in src.rows().enumerate() {
+        dst.row_mut(y).copy_from_slice(row);
+    }
+}
+
+fn copy_of(src: ImageRef<'_, u8>) -> Image<u8> {
+    let mut copy = Image::default();
+    copy_into(src, &mut copy);
+    copy
+}
+
+/// Copies a measurement, keeping the memory of the one before.
+fn store(measured: &AlignmentError, kept: &mut Option<AlignmentError>) {
+    match kept {
+        Some(kept) => {
+            let AlignmentError { median_px, signed_median_px, spread_px, .. } = *measured;
+            (kept.median_px, kept.signed_median_px, kept.spread_px) =
+                (median_px, signed_median_px, spread_px);
+            kept.matches.clone_from(&measured.matches);
+        }
+        None => *kept = Some(measured.clone()),
+    }
+}
