@@ -429,11 +429,13 @@ macro_rules! dispatch {
             ($pairs:literal) => {
                 // SAFETY: the enclosing function has the instructions; its caller vouches for the row; the match and
                 // the conditions below choose the instance.
-                match (row.shape.largest_difference <= 127, row.shape.left_right_reach.is_some()) {
-                    (true, false) => unsafe { vector::sad_row::<$lanes, $pairs, true, false>(row) },
-                    (true, true) => unsafe { vector::sad_row::<$lanes, $pairs, true, true>(row) },
-                    (false, false) => unsafe { vector::sad_row::<$lanes, $pairs, false, false>(row) },
-                    (false, true) => unsafe { vector::sad_row::<$lanes, $pairs, false, true>(row) },
+                unsafe {
+                    match (row.shape.largest_difference <= 127, row.shape.left_right_reach.is_some()) {
+                        (true, false) => vector::sad_row::<$lanes, $pairs, true, false>(row),
+                        (true, true) => vector::sad_row::<$lanes, $pairs, true, true>(row),
+                        (false, false) => vector::sad_row::<$lanes, $pairs, false, false>(row),
+                        (false, true) => vector::sad_row::<$lanes, $pairs, false, true>(row),
+                    }
                 }
             };
         }
