@@ -208,9 +208,9 @@ def test_shifts_by_quarters_of_a_pixel_in_a_real_picture(data: Path, quarters: i
     error = ep.alignment_error(camera(0, 1.0), camera(-quarters, 0.8), num_disparities=64)
     right = error.right_px[:, 1] - error.left_px[:, 1]
     assert error.matches > 100
-    assert abs(np.median(right) - quarters / 4) < 0.03
+    assert abs(np.median(right) - quarters / 4) < 0.01
     assert abs(error.median_px - np.median(abs(right))) < 1e-12
-    assert abs(np.median(error.left_px[:, 0] - error.right_px[:, 0]) - 21 / 4) < 0.03
+    assert abs(np.median(error.left_px[:, 0] - error.right_px[:, 0]) - 21 / 4) < 0.01
 
 
 def published_bumblebee(folder: Path) -> ep.StereoCalibration:

@@ -7,8 +7,10 @@ use crate::image::ImageRef;
 
 /// Farthest the refined position may lie from the whole pixel it started from, pixels.
 const MAX_SHIFT_PX: f32 = 2.0;
-/// Room a patch needs on every side: its half, the interpolation's two pixels and the farthest shift.
-pub(super) const MARGIN: usize = HALF + 2 + MAX_SHIFT_PX as usize;
+/// Neighbours, in each direction, that interpolation combines.
+const TAPS: usize = 6;
+/// Room a patch needs on every side: its half, half of the neighbours and the farthest shift.
+pub(super) const MARGIN: usize = HALF + TAPS / 2 + MAX_SHIFT_PX as usize;
 
 const MAX_ITERATIONS: usize = 10;
 const CONVERGED_PX: f32 = 0.005;
@@ -110,25 +112,27 @@ impl Template {
     }
 }
 
-/// The right patch around `start + shift`, by cubic convolution (Keys, 1981): linear interpolation would blur the
-/// patch at half pixels and not at whole ones, and pull the answer.
+/// The right patch around `start + shift`, through the polynomial of [`TAPS`] neighbours in each direction.
+///
+/// Interpolation delays fine detail by too little, which pulls the answer towards the middle between two pixels: on
+/// detail of four pixels' period, two neighbours or Keys' four delay a quarter of a pixel by 0.205, six by 0.242.
 fn interpolate(right: ImageRef<'_, u8>, start: [usize; 2], shift: [f32; 2]) -> [f32; AREA] {
-    const ROWS: usize = SIDE + 3;
+    const ROWS: usize = SIDE + TAPS - 1;
     let [(x, across), (y, down)] = [0, 1].map(|axis| {
         let whole = shift[axis].floor();
-        // The first of the four taps lies one before; MARGIN keeps it inside.
-        let first = (start[axis] - HALF - 1).wrapping_add_signed(whole as isize);
-        (first, cubic_weights(shift[axis] - whole))
+        // MARGIN keeps the first tap inside.
+        let first = (start[axis] - HALF - (TAPS / 2 - 1)).wrapping_add_signed(whole as isize);
+        (first, lagrange_weights(shift[axis] - whole))
     });
     let mut rows = [[0f32; SIDE]; ROWS];
     for (row, y) in rows.iter_mut().zip(y..) {
         let source = &right.row(y)[x..x + ROWS];
-        for (value, taps) in row.iter_mut().zip(source.windows(4)) {
+        for (value, taps) in row.iter_mut().zip(source.windows(TAPS)) {
             *value = across.iter().zip(taps).map(|(w, &tap)| w * f32::from(tap)).sum();
         }
     }
     let mut patch = [0f32; AREA];
-    for (values, taps) in patch.chunks_exact_mut(SIDE).zip(rows.windows(4)) {
+    for (values, taps) in patch.chunks_exact_mut(SIDE).zip(rows.windows(TAPS)) {
         for (x, value) in values.iter_mut().enumerate() {
             *value = down.iter().zip(taps).map(|(w, row)| w * row[x]).sum();
         }
@@ -136,14 +140,13 @@ fn interpolate(right: ImageRef<'_, u8>, start: [usize; 2], shift: [f32; 2]) -> [
     patch
 }
 
-fn cubic_weights(t: f32) -> [f32; 4] {
-    let (t2, t3) = (t * t, t * t * t);
-    [
-        0.5 * (-t3 + 2.0 * t2 - t),
-        0.5 * (3.0 * t3 - 5.0 * t2 + 2.0),
-        0.5 * (-3.0 * t3 + 4.0 * t2 + t),
-        0.5 * (t3 - t2),
-    ]
+/// Lagrange's weights of the pixels at -2, -1, 0, 1, 2 and 3 for a position `t` from 0 to 1.
+fn lagrange_weights(t: f32) -> [f32; TAPS] {
+    let position = |tap: usize| tap as f32 - (TAPS / 2 - 1) as f32;
+    std::array::from_fn(|tap| {
+        let others = (0..TAPS).filter(|&other| other != tap);
+        others.map(|other| (t - position(other)) / (position(tap) - position(other))).product()
+    })
 }
 
 fn dot(a: &[f32; AREA], b: &[f32; AREA]) -> f32 {
