@@ -1,10 +1,16 @@
 //! Texture of a window: how much there is to match.
 
 /// Sliding window sums of `|I - level|` over the left image.
+///
+/// They are sums of bytes, `31²·63 < 2¹⁶` at most.
 #[derive(Debug, Default)]
 pub(super) struct TextureSums {
-    /// Per column: the sum over the window's rows. At most `31·63`; a whole window's at most `31²·63 < 2¹⁶`.
+    /// Per column: the sum over the window's rows.
     columns: Vec<u16>,
+    /// The same, with the first and last column repeated for those beyond the image.
+    padded: Vec<u16>,
+    /// Per column: the sum over the window.
+    windows: Vec<u16>,
 }
 
 impl TextureSums {
@@ -30,15 +36,25 @@ impl TextureSums {
 
     /// Adds `bit` to `bits[x]` where the window around `x` sums to less than `threshold` and `bits[x]` has none of
     /// `except`.
-    pub fn mark(&self, radius: usize, threshold: u32, bit: u8, except: u8, bits: &mut [u8]) {
-        let column = |x: usize| u32::from(self.columns[x]);
-        let last = self.columns.len() - 1;
-        let mut sum: u32 = (0..=2 * radius).map(|i| column(i.saturating_sub(radius).min(last))).sum();
-        for (x, bits) in bits.iter_mut().enumerate() {
-            if x > 0 {
-                sum = sum + column((x + radius).min(last)) - column(x.saturating_sub(radius + 1));
+    pub fn mark(&mut self, radius: usize, threshold: u32, bit: u8, except: u8, bits: &mut [u8]) {
+        let Self { columns, padded, windows } = self;
+        let width = columns.len();
+        let (first, last) = (columns[0], columns[width - 1]);
+        padded.clear();
+        padded.extend(std::iter::repeat_n(first, radius));
+        padded.extend_from_slice(columns);
+        padded.extend(std::iter::repeat_n(last, radius));
+        windows.clear();
+        windows.resize(width, 0);
+        // One addition for each column of the window, but whole vectors of them: faster than a running sum.
+        for shift in 0..=2 * radius {
+            for (window, &column) in windows.iter_mut().zip(&padded[shift..]) {
+                *window += column;
             }
-            *bits |= if sum < threshold && *bits & except == 0 { bit } else { 0 };
+        }
+        for (bits, &window) in bits.iter_mut().zip(&*windows) {
+            let is_low = (u32::from(window) < threshold) & (*bits & except == 0);
+            *bits |= if is_low { bit } else { 0 };
         }
     }
 }

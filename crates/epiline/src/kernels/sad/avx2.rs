@@ -15,9 +15,9 @@ struct U16x16(__m256i);
 ///
 /// # Safety
 /// The processor has what `Level::avx2` proves, and `row.check` passed.
-#[target_feature(enable = "avx2,bmi1,popcnt")]
 pub unsafe fn sad_row(row: &mut SadRow<'_, u16>) {
-    vector::dispatch!(U16x16, row)
+    // SAFETY: the caller's.
+    unsafe { vector::dispatch::<U16x16>(row) }
 }
 
 /// `|left - right[i]|` for 32 pixels.
@@ -36,6 +36,19 @@ unsafe fn difference_u8x32(left: u8, right: *const u8) -> __m256i {
 // SAFETY of every block below: the caller of a function of `Lanes` proves AVX2 and, for pointers, what they point at.
 impl Lanes for U16x16 {
     const COUNT: usize = 16;
+
+    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(row: &mut SadRow<'_, u16>) {
+        #[target_feature(enable = "avx2,bmi1,popcnt")]
+        unsafe fn compiled<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(
+            row: &mut SadRow<'_, u16>,
+        ) {
+            // SAFETY: the caller's.
+            unsafe { vector::sad_row::<U16x16, P, SMALL, LEFT_RIGHT>(row) }
+        }
+        // SAFETY: see above.
+        unsafe { compiled::<P, SMALL, LEFT_RIGHT>(row) }
+    }
+
     // There is no permutation of 16-bit lanes across a whole vector; the ring is as fast as what would replace it.
     const PICKS_LANES: bool = false;
 

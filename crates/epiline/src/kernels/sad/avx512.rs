@@ -15,9 +15,9 @@ struct U16x32(__m512i);
 ///
 /// # Safety
 /// The processor has what `Level::avx512` proves, and `row.check` passed.
-#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx2,bmi1,popcnt")]
 pub unsafe fn sad_row(row: &mut SadRow<'_, u16>) {
-    vector::dispatch!(U16x32, row)
+    // SAFETY: the caller's.
+    unsafe { vector::dispatch::<U16x32>(row) }
 }
 
 /// `|left - right[i]|` for 64 pixels.
@@ -47,6 +47,19 @@ const FROM_SECOND_U16X32: [u16; 32] = {
 // SAFETY of every block below: the caller of a function of `Lanes` proves AVX-512 and, for pointers, what they point at.
 impl Lanes for U16x32 {
     const COUNT: usize = 32;
+
+    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(row: &mut SadRow<'_, u16>) {
+        #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx2,bmi1,popcnt")]
+        unsafe fn compiled<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(
+            row: &mut SadRow<'_, u16>,
+        ) {
+            // SAFETY: the caller's.
+            unsafe { vector::sad_row::<U16x32, P, SMALL, LEFT_RIGHT>(row) }
+        }
+        // SAFETY: see above.
+        unsafe { compiled::<P, SMALL, LEFT_RIGHT>(row) }
+    }
+
     const PICKS_LANES: bool = true;
 
     #[inline(always)]

@@ -51,8 +51,10 @@ pub fn scratch_len(shape: &RowShape) -> usize {
 /// Every function requires that the processor has that instruction set. They are inlined into a function compiled for
 /// it, so that the intrinsics are too.
 pub(super) trait Lanes: Copy {
-    /// Costs per vector. One vector of as many bytes as `u16x(2 * COUNT)` has would hold a pair's pixels.
+    /// Costs per vector. A pair of vectors has a cost for each byte of one vector.
     const COUNT: usize;
+    /// [`sad_row`], compiled for the instruction set.
+    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(row: &mut SadRow<'_, u16>);
     unsafe fn splat(value: u16) -> Self;
     unsafe fn load(from: *const u16) -> Self;
     unsafe fn store(self, to: *mut u16);
@@ -422,34 +424,36 @@ unsafe fn read_back<V: Lanes, const LEFT_RIGHT: bool>(
 }
 
 /// Calls the instance of [`sad_row`] for the row's lanes and settings.
-macro_rules! dispatch {
-    ($lanes:ty, $row:expr) => {{
-        let row = $row;
-        macro_rules! instance {
-            ($pairs:literal) => {
-                // SAFETY: the enclosing function has the instructions; its caller vouches for the row; the match and
-                // the conditions below choose the instance.
-                unsafe {
-                    match (row.shape.largest_difference <= 127, row.shape.left_right_reach.is_some()) {
-                        (true, false) => vector::sad_row::<$lanes, $pairs, true, false>(row),
-                        (true, true) => vector::sad_row::<$lanes, $pairs, true, true>(row),
-                        (false, false) => vector::sad_row::<$lanes, $pairs, false, false>(row),
-                        (false, true) => vector::sad_row::<$lanes, $pairs, false, true>(row),
-                    }
-                }
-            };
+///
+/// # Safety
+/// The processor has the instructions of `V`, and `row.check` passed.
+pub(super) unsafe fn dispatch<V: Lanes>(row: &mut SadRow<'_, u16>) {
+    // SAFETY: the caller's; no difference exceeds 127 where `SMALL` is chosen.
+    unsafe {
+        match (row.shape.largest_difference <= 127, row.shape.left_right_reach.is_some()) {
+            (true, false) => dispatch_lanes::<V, true, false>(row),
+            (true, true) => dispatch_lanes::<V, true, true>(row),
+            (false, false) => dispatch_lanes::<V, false, false>(row),
+            (false, true) => dispatch_lanes::<V, false, true>(row),
         }
-        match row.shape.lanes / LANE_BLOCK {
-            1 => instance!(1),
-            2 => instance!(2),
-            3 => instance!(3),
-            4 => instance!(4),
-            6 => instance!(6),
-            8 => instance!(8),
-            16 => instance!(16),
-            32 => instance!(32),
-            blocks => unreachable!("padded_lanes gives no {blocks} blocks of {LANE_BLOCK} lanes"),
-        }
-    }};
+    }
 }
-pub(super) use dispatch;
+
+/// # Safety
+/// As [`dispatch`], and no difference exceeds 127 if `SMALL`.
+unsafe fn dispatch_lanes<V: Lanes, const SMALL: bool, const LEFT_RIGHT: bool>(row: &mut SadRow<'_, u16>) {
+    // SAFETY: the caller's; the number of lanes is that of the instance.
+    unsafe {
+        match row.shape.lanes / (2 * V::COUNT) {
+            1 => V::sad_row::<1, SMALL, LEFT_RIGHT>(row),
+            2 => V::sad_row::<2, SMALL, LEFT_RIGHT>(row),
+            3 => V::sad_row::<3, SMALL, LEFT_RIGHT>(row),
+            4 => V::sad_row::<4, SMALL, LEFT_RIGHT>(row),
+            6 => V::sad_row::<6, SMALL, LEFT_RIGHT>(row),
+            8 => V::sad_row::<8, SMALL, LEFT_RIGHT>(row),
+            16 => V::sad_row::<16, SMALL, LEFT_RIGHT>(row),
+            32 => V::sad_row::<32, SMALL, LEFT_RIGHT>(row),
+            pairs => unreachable!("padded_lanes gives no {pairs} pairs of vectors"),
+        }
+    }
+}
