@@ -6,8 +6,12 @@ mod calibration;
 mod camera;
 mod convert;
 mod matching;
+mod obstacles;
+mod pipeline;
 mod preprocess;
+mod range;
 mod rectification;
+mod regions;
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -18,5 +22,9 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     preprocess::register(module)?;
     rectification::register(module)?;
     matching::register(module)?;
+    range::register(module)?;
+    regions::register(module)?;
+    obstacles::register(module)?;
+    pipeline::register(module)?;
     Ok(())
 }

@@ -30,10 +30,23 @@ pub struct PipelineParams {
     pub obstacles: ObstacleParams,
 }
 
-impl Default for PipelineParams {
-    fn default() -> Self {
+impl PipelineParams {
+    /// The default for images of this width: every test of the matcher on, since an obstacle that is not there costs
+    /// more than a pixel without an answer, and a sixth of the width searched (in steps of 16 px).
+    pub fn for_width(width: usize) -> Self {
+        let matcher = MatcherParams {
+            num_disparities: (width.div_ceil(6 * 16) * 16)
+                .clamp(1, MatcherParams::MAX_DISPARITIES)
+                .min(width.max(1)),
+            block_size: 9,
+            uniqueness_ratio: 10,
+            texture_threshold: 10,
+            left_right_max_diff: Some(1),
+            speckle_size: 100,
+            ..MatcherParams::default()
+        };
         Self {
-            matcher: MatcherParams::default(),
+            matcher,
             equalize: false,
             alignment: true,
             disparity_sigma_px: 0.25,

@@ -99,7 +99,7 @@ fn params() -> PipelineParams {
         ..MatcherParams::default()
     };
     let obstacles = ObstacleParams { max_range_m: Some(5.0), ..ObstacleParams::default() };
-    PipelineParams { matcher, obstacles, disparity_sigma_px: 0.3, ..PipelineParams::default() }
+    PipelineParams { matcher, obstacles, disparity_sigma_px: 0.3, ..PipelineParams::for_width(WIDTH) }
 }
 
 fn regions() -> Vec<Region> {

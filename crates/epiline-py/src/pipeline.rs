@@ -1,0 +1,263 @@
+//! Python face of `epiline::pipeline`.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use epiline::image::{Image, StereoPair};
+use epiline::obstacles::ObstacleParams;
+use epiline::pipeline::{FrameResult, Pipeline, PipelineParams};
+use epiline::rectification::RectifiedGeometry;
+use epiline::regions::{Region, paper_regions};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::camera::PyStereoCalibration;
+use crate::convert::{OrRaise, grey_image, whole};
+use crate::matching::{PyDisparityMap, PyStereoMatcher};
+use crate::obstacles::PyObstacle;
+use crate::range::PyRangeImage;
+use crate::rectification::{PyAlignmentError, PyRectifiedGeometry, PyRectifiedPair};
+use crate::regions::{PyRegion, PyRegionProfile, unwrap};
+
+/// Adds this part to the module.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PyFrameResult>()?;
+    module.add_class::<PyPipeline>()
+}
+
+/// Everything known about one pair. Its properties make new objects at each access; keep what you use twice.
+#[pyclass(name = "FrameResult", module = "epiline", frozen)]
+pub struct PyFrameResult(Arc<FrameResult>);
+
+#[pymethods]
+impl PyFrameResult {
+    /// The aligned images, their masks and geometry.
+    #[getter]
+    fn pair(&self, py: Python<'_>) -> PyRectifiedPair {
+        let FrameResult { left, right, valid, range, .. } = &*self.0;
+        PyRectifiedPair::new(py, [left, right], valid.each_ref().map(Image::view), range.geometry)
+    }
+
+    /// Disparities of the left image.
+    #[getter]
+    fn disparity(&self) -> PyDisparityMap {
+        PyDisparityMap { inner: self.0.disparity.clone() }
+    }
+
+    /// Metres of the left image.
+    #[getter]
+    fn range(&self) -> PyRangeImage {
+        PyRangeImage::of_frame(self.0.clone())
+    }
+
+    /// One profile per region.
+    #[getter]
+    fn profiles(&self) -> Vec<PyRegionProfile> {
+        self.0.profiles.iter().cloned().map(PyRegionProfile).collect()
+    }
+
+    /// Obstacles of all regions, nearest first.
+    #[getter]
+    fn obstacles(&self) -> Vec<PyObstacle> {
+        self.0.obstacles.iter().cloned().map(PyObstacle).collect()
+    }
+
+    /// Vertical residual of the aligned pair; None if it was not asked for.
+    #[getter]
+    fn alignment(&self) -> Option<PyAlignmentError> {
+        self.0.alignment.clone().map(PyAlignmentError)
+    }
+
+    /// Milliseconds of each stage, and of all as "total".
+    #[getter]
+    fn stage_ms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let times = &self.0.times;
+        let dict = PyDict::new(py);
+        let stages: [(&str, Duration); 8] = [
+            ("equalize", times.equalize),
+            ("rectify", times.rectify),
+            ("match", times.matching),
+            ("range", times.range),
+            ("regions", times.regions),
+            ("obstacles", times.obstacles),
+            ("alignment", times.alignment),
+            ("total", times.total),
+        ];
+        for (name, time) in stages {
+            dict.set_item(name, 1e3 * time.as_secs_f64())?;
+        }
+        Ok(dict)
+    }
+
+    fn __repr__(&self) -> String {
+        let FrameResult { profiles, obstacles, left, .. } = &*self.0;
+        let (width, height) = (left.width(), left.height());
+        format!(
+            "FrameResult({width}x{height} px, {} profiles, {} obstacles)",
+            profiles.len(),
+            obstacles.len()
+        )
+    }
+}
+
+/// What a pipeline is made for: cameras as they are, or pairs already aligned.
+#[derive(FromPyObject)]
+enum Rig<'py> {
+    #[pyo3(annotation = "StereoCalibration")]
+    Cameras(Bound<'py, PyStereoCalibration>),
+    #[pyo3(annotation = "RectifiedGeometry")]
+    Aligned(PyRectifiedGeometry),
+}
+
+/// The pipeline and its results' memory.
+struct State {
+    pipeline: Pipeline,
+    /// Results handed out; one that Python has let go of is filled again.
+    results: Vec<Arc<FrameResult>>,
+}
+
+/// Results that take turns: the one being filled, the one the caller still holds, and one on its way.
+const KEPT_RESULTS: usize = 3;
+
+impl State {
+    fn process(&mut self, pair: StereoPair<'_>) -> epiline::Result<Arc<FrameResult>> {
+        let free = self.results.iter_mut().position(|result| Arc::get_mut(result).is_some());
+        let mut result = match free {
+            Some(index) => self.results.swap_remove(index),
+            None => Arc::new(self.pipeline.empty_result()),
+        };
+        let filled = Arc::get_mut(&mut result).expect("held by no one else");
+        let outcome = self.pipeline.process_into(pair, filled);
+        if self.results.len() < KEPT_RESULTS {
+            self.results.push(result.clone());
+        }
+        outcome.map(|()| result)
+    }
+}
+
+/// The whole path for one pair after the other: equalise, rectify, match, range, regions, obstacles.
+///
+/// Parameters
+/// ----------
+/// rig : StereoCalibration or RectifiedGeometry
+///     A calibration for pairs as the cameras take them, a geometry for pairs that come aligned.
+/// matcher : StereoMatcher, optional
+///     Whose parameters to use; by default x-Sobel SAD with all tests, searching a sixth of the width.
+/// regions : sequence of Region, optional
+///     Default: paper_regions of the image's size.
+/// equalize : bool
+///     Equalise both histograms first (equation 3 of the 2011 paper).
+/// alignment : bool
+///     Measure the vertical residual of each pair.
+/// disparity_sigma_px : float
+///     Standard deviation of a disparity, px.
+/// max_range_m : float, optional
+///     No obstacle farther than this.
+/// min_support : int
+///     Pixels that a column must have within 1 px of disparity to see an obstacle there.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A parameter out of range, or a region outside the image.
+/// epiline.Error
+///     A rig that cannot be rectified.
+#[pyclass(name = "Pipeline", module = "epiline", frozen)]
+pub struct PyPipeline {
+    geometry: RectifiedGeometry,
+    regions: Vec<Region>,
+    state: Mutex<State>,
+}
+
+#[pymethods]
+impl PyPipeline {
+    #[new]
+    #[pyo3(signature = (
+        rig, *, matcher = None, regions = None, equalize = false, alignment = true, disparity_sigma_px = 0.25,
+        max_range_m = None, min_support = 8
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn new(
+        py: Python<'_>,
+        rig: Rig<'_>,
+        matcher: Option<&Bound<'_, PyStereoMatcher>>,
+        regions: Option<Vec<PyRegion>>,
+        equalize: bool,
+        alignment: bool,
+        disparity_sigma_px: f64,
+        max_range_m: Option<f64>,
+        min_support: i64,
+    ) -> PyResult<Self> {
+        let (width, height) = match &rig {
+            Rig::Cameras(calibration) => {
+                let left = &calibration.get().0.left;
+                (left.width, left.height)
+            }
+            Rig::Aligned(geometry) => (geometry.0.width, geometry.0.height),
+        };
+        let mut params = PipelineParams::for_width(width);
+        if let Some(matcher) = matcher {
+            params.matcher = matcher.get().params();
+        }
+        let min_support = whole("min_support", min_support)?;
+        params.obstacles = ObstacleParams { min_support, max_range_m, ..params.obstacles };
+        params = PipelineParams { equalize, alignment, disparity_sigma_px, ..params };
+        let regions = match regions {
+            Some(regions) => unwrap(regions),
+            None => paper_regions(width, height).or_raise()?,
+        };
+        let pipeline = match rig {
+            Rig::Cameras(calibration) => {
+                let calibration = &calibration.get().0;
+                py.detach(|| Pipeline::for_cameras(calibration, regions, params))
+            }
+            Rig::Aligned(geometry) => Pipeline::for_aligned(geometry.0, regions, params),
+        };
+        let pipeline = pipeline.or_raise()?;
+        let (geometry, regions) = (*pipeline.geometry(), pipeline.regions().to_vec());
+        Ok(Self { geometry, regions, state: Mutex::new(State { pipeline, results: Vec::new() }) })
+    }
+
+    /// Geometry of the aligned images.
+    #[getter]
+    fn geometry(&self) -> PyRectifiedGeometry {
+        PyRectifiedGeometry(self.geometry)
+    }
+
+    /// The regions read.
+    #[getter]
+    fn regions(&self) -> Vec<PyRegion> {
+        self.regions.iter().cloned().map(PyRegion).collect()
+    }
+
+    /// Processes a pair.
+    ///
+    /// Parameters
+    /// ----------
+    /// left, right : (H, W) or (H, W, 3) uint8
+    ///     Of the calibrated (or aligned) size; three channels are blue, green, red.
+    ///
+    /// Returns
+    /// -------
+    /// FrameResult
+    ///     Stays as it is, however many pairs are processed after it.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     Another size, shape or type.
+    fn process(
+        &self,
+        py: Python<'_>,
+        left: &Bound<'_, PyAny>,
+        right: &Bound<'_, PyAny>,
+    ) -> PyResult<PyFrameResult> {
+        let (left, right) = (grey_image("left", left)?, grey_image("right", right)?);
+        let pair = StereoPair::new(left.view(), right.view()).or_raise()?;
+        let result = py.detach(|| {
+            // A panic in an earlier call leaves buffers that the next one sets up again.
+            self.state.lock().unwrap_or_else(PoisonError::into_inner).process(pair)
+        });
+        result.map(PyFrameResult).or_raise()
+    }
+}
