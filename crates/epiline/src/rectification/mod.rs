@@ -6,7 +6,9 @@ mod rectifier;
 mod remap;
 mod view;
 
-pub use alignment::{AlignmentError, AlignmentMeter, AlignmentOptions, PointMatch, alignment_error};
+pub use alignment::{
+    AlignmentError, AlignmentMeter, AlignmentOptions, MIN_MATCHES, PointMatch, alignment_error,
+};
 pub use geometry::RectifiedGeometry;
 pub use rectifier::{Rectifier, RectifierOptions};
 pub use remap::Remap;
