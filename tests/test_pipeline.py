@@ -71,9 +71,7 @@ def test_results_outlive_the_frames_after_them(geometry: ep.RectifiedGeometry) -
 
 
 def test_raw_pairs_are_rectified_as_the_rectifier_does() -> None:
-    camera = ep.CameraModel(
-        [[300, 0, 160], [0, 300, 120], [0, 0, 1]], [-0.1, 0.02, 0, 0, 0], width=320, height=240
-    )
+    camera = ep.CameraModel([[300, 0, 160], [0, 300, 120], [0, 0, 1]], [-0.1, 0.02, 0, 0, 0], width=320, height=240)
     angle = 0.01
     rotation = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     rig = ep.StereoCalibration(camera, camera, rotation, [-0.12, 0.001, 0.0])
@@ -93,9 +91,7 @@ def test_colour_is_taken(geometry: ep.RectifiedGeometry) -> None:
     left, right = pair(1)
     pipeline = ep.Pipeline(geometry, matcher=ep.StereoMatcher(**MATCHER))
     colour = [np.repeat(image[:, :, None], 3, axis=2) for image in (left, right)]
-    np.testing.assert_array_equal(
-        pipeline.process(*colour).disparity.raw, pipeline.process(left, right).disparity.raw
-    )
+    np.testing.assert_array_equal(pipeline.process(*colour).disparity.raw, pipeline.process(left, right).disparity.raw)
 
 
 def test_bad_input_is_one_clear_error(geometry: ep.RectifiedGeometry) -> None:

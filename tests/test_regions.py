@@ -42,9 +42,7 @@ def test_columns_are_brute_force(min_support: int) -> None:
     np.testing.assert_array_equal(profile.maximum_px, np.nanmax(values, axis=0))
     np.testing.assert_array_equal(profile.count, np.isfinite(values).sum(axis=0))
     valid = values[np.isfinite(values)]
-    np.testing.assert_array_equal(
-        profile.histogram, np.bincount(np.floor(valid + 0.5).astype(int), minlength=28)
-    )
+    np.testing.assert_array_equal(profile.histogram, np.bincount(np.floor(valid + 0.5).astype(int), minlength=28))
     assert profile.total == pytest.approx(valid.sum(dtype=np.float64))
     assert (profile.minimum, profile.maximum) == (valid.min(), valid.max())
     assert profile.valid_share == valid.size / values.size
@@ -97,9 +95,7 @@ def test_nearest_surface_of_real_ground_truth(data: Path) -> None:
         assert any(name in json.dumps(scene) for scene in scenes)
         truth = cv2.imread(str(data / name / "gt_left.png"), cv2.IMREAD_GRAYSCALE)
         assert truth is not None
-        disparity = ep.DisparityMap(
-            (truth.astype(np.uint16) * 4), (truth == 0).astype(np.uint8), num_disparities=64
-        )
+        disparity = ep.DisparityMap((truth.astype(np.uint16) * 4), (truth == 0).astype(np.uint8), num_disparities=64)
         height, width = truth.shape
         for profile in ep.profile(disparity, ep.paper_regions(width, height)):
             region = profile.region

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from epiline._core import FrameResult, Pipeline, StereoCalibration, StereoMatcher, alignment_error
+from epiline._core import FrameResult, Pipeline, RectifiedGeometry, StereoCalibration, StereoMatcher, alignment_error
 from epiline.cli.arguments import add_matcher_arguments, load_rig, matcher_from, positive, whole
 from epiline.cli.configuration import Configuration, read_configuration
 from epiline.cli.console import print_table, progress, say
@@ -43,9 +43,10 @@ def run(args: argparse.Namespace) -> None:
     with ExitStack() as stack:
         source = stack.enter_context(open_source(args.source))
         length = source.length if args.limit is None else min(args.limit, source.length or args.limit)
-        pipeline = make_pipeline(args, config, rig, source.size)
+        matcher = make_matcher(args, config, source.size[0])
+        pipeline = make_pipeline(args, config, rig, matcher)
         sink = _open_sink(args.jsonl, stack)
-        recorder = _Recorder(args.report, length, rig, pipeline) if args.report else None
+        recorder = _Recorder(args.report, length, rig, matcher) if args.report else None
         rows: list[tuple[object, ...]] = []
         advance = stack.enter_context(progress("running", length))
         for count, frame in enumerate(source, start=1):
@@ -68,11 +69,16 @@ def run(args: argparse.Namespace) -> None:
             say(f"wrote {args.report}")
 
 
-def make_pipeline(args: argparse.Namespace, config: Configuration, rig: Any, size: tuple[int, int]) -> Pipeline:
+def make_matcher(args: argparse.Namespace, config: Configuration, width: int) -> StereoMatcher:
+    """The matcher of the configuration over the options' and defaults."""
+    matcher = matcher_from(args, width)
+    return StereoMatcher(**{**matcher.parameters, **config.matcher}) if config.matcher else matcher
+
+
+def make_pipeline(
+    args: argparse.Namespace, config: Configuration, rig: StereoCalibration | RectifiedGeometry, matcher: StereoMatcher
+) -> Pipeline:
     """The pipeline of the options over the configuration over the defaults."""
-    matcher = matcher_from(args, size[0])
-    if config.matcher:
-        matcher = StereoMatcher(**{**matcher.parameters, **config.matcher})
     settings: dict[str, Any] = dict(config.pipeline)
     if args.equalize is not None:
         settings["equalize"] = args.equalize
@@ -106,12 +112,12 @@ def _row(frame: Frame, result: FrameResult) -> tuple[object, ...]:
 class _Recorder:
     """Keeps of the run what its report shows."""
 
-    def __init__(self, path: Path, expected: int | None, rig: object, pipeline: Pipeline) -> None:
+    def __init__(self, path: Path, expected: int | None, rig: object, matcher: StereoMatcher) -> None:
         from epiline.report import FrameRecorder
 
         if not path.resolve().parent.is_dir():
             raise FileNotFoundError(2, "the folder of the report does not exist", str(path.parent))
-        self._path, self._rig, self._pipeline = path, rig, pipeline
+        self._path, self._rig, self._parameters = path, rig, matcher.parameters
         self._frames = FrameRecorder(expected=expected)
 
     def add(self, frame: Frame, result: FrameResult) -> None:
@@ -127,4 +133,4 @@ class _Recorder:
     def write(self) -> None:
         from epiline.cli.reporting import write_run_report
 
-        write_run_report(self._path, self._frames, self._rig, self._pipeline.matcher_parameters)
+        write_run_report(self._path, self._frames, self._rig, self._parameters)
