@@ -5,7 +5,7 @@
     python benchmarks/sad_vs_opencv.py --record           # and benchmarks/record/<cpu>/<date>.csv
 
 Repetitions of the two alternate, so that whatever else the machine does meets both; the ratio is the median of the
-repetitions' ratios. "equal" is the share of answers that are the same number: without tests, of the interior, where
+repetitions' ratios. Time is that of the thread, so that a shared machine's other work is not counted. "equal" is the share of answers that are the same number: without tests, of the interior, where
 both look at the same pixels; with tests, of the interior pixels that both answer (OpenCV's left-right check compares
 winners only, so the two reject different pixels). With tests, both have uniqueness 10, texture 10, left-right 1 and
 speckle 100 within 2 px.
@@ -83,11 +83,11 @@ def compare(width: int, height: int, disparities: int, window: int, tests: bool,
     reference = theirs.compute(left, right)
     times = np.empty((repeats, 2))
     for repeat in range(repeats):
-        start = time.perf_counter()
+        start = time.thread_time()
         theirs.compute(left, right)
-        middle = time.perf_counter()
+        middle = time.thread_time()
         ours(left, right, out=out)
-        times[repeat] = middle - start, time.perf_counter() - middle
+        times[repeat] = middle - start, time.thread_time() - middle
     radius = window // 2
     interior = np.s_[radius : height - radius, disparities - 1 + radius : width - radius]
     answer, reference = out.to_opencv()[interior], reference[interior]
