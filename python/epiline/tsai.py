@@ -104,8 +104,8 @@ def calibrate(world_mm: ArrayLike, pixels: ArrayLike, *, sensor: Sensor, full: b
     sensor : Sensor
         What is known of the sensor.
     full : bool
-        After the two stages, minimise the squared pixel distances over f, kappa1, Cx, Cy, R, T, and over sx unless
-        the points are coplanar.
+        After the two stages, minimise the squared pixel distances over f, kappa1, R, T, over Cx and Cy unless f would
+        become uncertain by more than 10 % with them, and over sx unless the points are coplanar.
 
     Returns
     -------

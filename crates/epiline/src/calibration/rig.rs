@@ -155,7 +155,7 @@ impl Residuals {
     }
 
     /// Variance of one coordinate that scales the inverse normal equations of an M-estimate
-    /// (Huber, "Robust Statistics", 1981, sec. 7.6); the usual residual variance where no corner was clipped.
+    /// (Huber, "Robust Statistics", 1981, ch. 7); the usual residual variance where no corner was clipped.
     fn variance(&self, parameters: usize) -> f64 {
         let corners = self.corners() as f64;
         let freedom = (2.0 * corners - parameters as f64).max(1.0);

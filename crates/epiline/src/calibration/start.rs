@@ -117,11 +117,9 @@ fn medoid(poses: &[Pose]) -> Pose {
     let mut lengths: Vec<f64> = poses.iter().map(|p| p.translation_m.norm()).collect();
     lengths.sort_by(f64::total_cmp);
     let length = lengths[lengths.len() / 2].max(f64::MIN_POSITIVE);
-    // Chordal distance of the rotations, and of the translations in units of the baseline; capped per pair, so
-    // that a wild view counts as wild and no more.
+    // Chordal distance of the rotations, and of the translations in units of the baseline.
     let disagreement = |a: &Pose, b: &Pose| {
-        let distance = (a.rotation - b.rotation).norm() + (a.translation_m - b.translation_m).norm() / length;
-        distance.min(1.0)
+        (a.rotation - b.rotation).norm() + (a.translation_m - b.translation_m).norm() / length
     };
     let total = |a: &Pose| poses.iter().map(|b| disagreement(a, b)).sum::<f64>();
     let best = poses.iter().map(|pose| (total(pose), pose)).min_by(|a, b| a.0.total_cmp(&b.0));

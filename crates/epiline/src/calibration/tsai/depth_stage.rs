@@ -1,4 +1,4 @@
-//! Stage 2: f, Tz and kappa1, and for coplanar points which way the plane tilts (Tsai 1987, sec. II-C.2).
+//! Stage 2: f, Tz and kappa1, and for coplanar points which way the plane tilts (Tsai 1987).
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 

@@ -17,6 +17,7 @@
 //! squared distances in pixels over everything the points determine, with the solver of the bundle adjustment.
 
 mod depth_stage;
+mod full;
 mod lens;
 mod pair;
 mod radial_alignment;
@@ -28,8 +29,7 @@ pub use pair::calibrate_rig;
 
 use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 
-use self::lens::{TsaiLens, distorted_radius};
-use super::solver::{Bundle, Estimate, Huber, View};
+use self::lens::distorted_radius;
 use crate::camera::Pose;
 use crate::error::{Error, Result};
 
@@ -116,16 +116,14 @@ const M_PER_MM: f64 = 1e-3;
 /// What errors call the computation.
 const METHOD: &str = "Tsai calibration";
 
-/// The largest standard deviation of f, relative to it, that is an answer at all.
-const MAX_FOCAL_SIGMA: f64 = 0.25;
-
 /// Points a full optimisation needs, as in Willson's.
 const MIN_POINTS_FULL: usize = 11;
 
 /// Calibrates one camera from points whose world position is known.
 ///
 /// `world_mm` and `pixels` belong together entry by entry. With `full`, everything the points determine is refined
-/// to the minimum of the squared pixel distances: f, kappa1, the principal point, R, T, and sx unless coplanar.
+/// to the minimum of the squared pixel distances: f, kappa1, R, T, the principal point unless f would become
+/// uncertain by more than 10 % with it, and sx unless coplanar. What was held has a standard deviation of zero.
 ///
 /// # Errors
 ///
@@ -149,7 +147,8 @@ pub fn calibrate(
                 needed: MIN_POINTS_FULL,
             });
         }
-        optimise(world_mm, pixels, &two_stage)?
+        let (camera, sigma) = full::solve(world_mm, pixels, &two_stage)?;
+        (camera, Some(sigma))
     } else {
         (two_stage.camera, None)
     };
@@ -219,77 +218,6 @@ fn sum_of_squares(camera: &TsaiCamera, world_mm: &[[f64; 3]], pixels: &[[f64; 2]
         let [x, y] = camera.project(*world)?;
         Some(sum + (x - pixel[0]).powi(2) + (y - pixel[1]).powi(2))
     })
-}
-
-/// Minimises the pixel distances over all the points determine: bundle adjustment of one camera and one view.
-fn optimise(
-    world_mm: &[[f64; 3]],
-    pixels: &[[f64; 2]],
-    start: &TwoStage,
-) -> Result<(TsaiCamera, Option<TsaiSigma>)> {
-    /// The minimum itself: the flat valley between f and Tz makes small steps matter.
-    const TOLERANCE: f64 = 1e-14;
-    let TwoStage { camera, coplanar, .. } = start;
-    let world_m: Vec<[f64; 3]> = world_mm.iter().map(|p| p.map(|v| v * M_PER_MM)).collect();
-    let views = [View { board_m: &world_m, pixels: [pixels, &[]] }];
-    let lens = TsaiLens { dpx_mm: camera.sensor.dpx_mm, dpy_mm: camera.sensor.dpy_mm };
-    let intrinsics = TsaiLens::pack(camera);
-    let free_camera = [true, true, true, true, !coplanar];
-    let free: Vec<bool> = free_camera.into_iter().chain([false; 5 + 6]).collect();
-    let bundle = Bundle::new(&lens, &views, &free);
-    let estimate = Estimate {
-        intrinsics: [intrinsics; 2],
-        right_from_left: Pose::identity(),
-        left_from_board: vec![camera.camera_from_world],
-    };
-    let minimum = bundle.minimise(estimate, Huber::SQUARED, TOLERANCE);
-    if !minimum.converged {
-        return Err(Error::degenerate(
-            METHOD,
-            "the full optimisation did not converge; use full=False or more points",
-        ));
-    }
-    let best = &minimum.estimate;
-    let camera = TsaiLens::unpack(&lens, &best.intrinsics[0], best.left_from_board[0]);
-    let sum: f64 = sum_of_squares(&camera, world_mm, pixels).unwrap_or(f64::NAN);
-    let freedom = 2.0 * pixels.len() as f64 - bundle.parameter_count() as f64;
-    let undetermined =
-        || Error::degenerate(METHOD, "the points do not determine all parameters; use full=False");
-    let (intrinsics, poses) = bundle.inverse_normals(best).ok_or_else(undetermined)?;
-    let variance = sum / freedom.max(1.0);
-    let sigma = |v: f64| (v.max(0.0) * variance).sqrt();
-    let pose = &poses[0];
-    // Angles by increments of the rotation vector, by central differences.
-    let angle_sigmas = std::array::from_fn(|i| {
-        const STEP: f64 = 1e-6;
-        let gradient: Vector3<f64> = Vector3::from_fn(|axis, _| {
-            let increment = Vector3::ith(axis, STEP);
-            let at = |sign: f64| {
-                angles(&camera.camera_from_world.moved(increment * sign, Vector3::zeros()).rotation)[i]
-            };
-            (at(1.0) - at(-1.0)) / (2.0 * STEP)
-        });
-        let rotation: Matrix3<f64> = pose.fixed_view::<3, 3>(0, 0).into_owned();
-        sigma(gradient.dot(&(rotation * gradient)))
-    });
-    let at = |i: usize| sigma(intrinsics[(i, i)]);
-    let sigma = TsaiSigma {
-        f_mm: at(0),
-        kappa1: at(1),
-        cx: at(2),
-        cy: at(3),
-        sx: at(4),
-        translation_mm: std::array::from_fn(|i| sigma(pose[(3 + i, 3 + i)]) / M_PER_MM),
-        angles: angle_sigmas,
-    };
-    if sigma.f_mm > MAX_FOCAL_SIGMA * camera.f_mm {
-        let reason = format!(
-            "f = {:.3} ± {:.3} mm: the points leave f and Tz inseparable; tilt the plane by 30 degrees or more",
-            camera.f_mm, sigma.f_mm
-        );
-        return Err(Error::degenerate(METHOD, reason));
-    }
-    Ok((camera, Some(sigma)))
 }
 
 /// Rx, Ry, Rz of `R = Rz·Ry·Rx`, radians.

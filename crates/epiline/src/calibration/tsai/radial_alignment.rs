@@ -1,7 +1,7 @@
 //! Stage 1: R, Tx, Ty (and sx) from the radial alignment constraint `Yd xc = Xd yc`.
 //!
 //! Radial distortion moves an image point along its own direction from the centre, so that direction is free of f,
-//! Tz and kappa1, and the constraint is linear in ratios to Ty (Tsai 1987, sec. II-C for coplanar points, II-D else).
+//! Tz and kappa1, and the constraint is linear in ratios to Ty (Tsai 1987).
 
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3};
 

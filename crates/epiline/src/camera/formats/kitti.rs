@@ -1,8 +1,7 @@
 //! The `calib.txt` that comes with the Karlsruhe sequences, KITTI's predecessor: pictures already aligned and cropped.
 //!
 //! Lines of `name: numbers`. `P1_roi` and `P2_roi` are the 3x4 projection matrices of the cropped pictures, row after
-//! row; `roi` is (first column, last column, first row, last row) of the crop (Geiger, Roser & Urtasun, "Efficient
-//! large-scale stereo matching", ACCV 2010, data sheet).
+//! row; `roi` is (first column, last column, first row, last row) of the crop, as the size of the pictures shows.
 
 use std::path::Path;
 

@@ -1,0 +1,118 @@
+//! The normal equations against numbers that do not come from them.
+
+use nalgebra::Rotation3;
+
+use super::super::lens::BrownConrady;
+use super::*;
+
+const K: usize = BrownConrady::PARAMETERS;
+
+fn board() -> Vec<[f64; 3]> {
+    (0..12).map(|i| [f64::from(i % 4) * 0.04, f64::from(i / 4) * 0.04, 0.0]).collect()
+}
+
+fn estimate() -> Estimate<K> {
+    let pose = |angles: [f64; 3], translation: [f64; 3]| Pose {
+        rotation: Rotation3::from_scaled_axis(Vector3::from(angles)).into_inner(),
+        translation_m: Vector3::from(translation),
+    };
+    Estimate {
+        intrinsics: [
+            SVector::from([510.0, 515.0, 322.0, 241.0, -0.25, 0.08, 1e-3, -5e-4, 0.01]),
+            SVector::from([525.0, 520.0, 315.0, 236.0, -0.22, 0.06, -4e-4, 7e-4, 0.0]),
+        ],
+        right_from_left: pose([0.01, -0.03, 0.02], [-0.12, 0.003, -0.004]),
+        left_from_board: vec![
+            pose([0.3, -0.2, 0.1], [-0.05, -0.04, 0.5]),
+            pose([-0.4, 0.3, -0.2], [-0.1, 0.02, 0.6]),
+            pose([0.1, 0.5, 0.4], [0.03, -0.08, 0.45]),
+        ],
+    }
+}
+
+/// Pixels that the estimate does not explain: predictions moved by up to a few pixels.
+fn pixels(lens: &BrownConrady, board: &[[f64; 3]], camera: usize, view: usize) -> Vec<[f64; 2]> {
+    let estimate = estimate();
+    let pose = estimate.camera_from_board(camera, view);
+    let see = |(i, p): (usize, &[f64; 3])| {
+        let predicted = lens.project(&estimate.intrinsics[camera], &pose.apply(Vector3::from(*p)));
+        let offset = Vector2::new((i as f64 * 1.7).sin() * 3.0, (i as f64 * 2.3).cos() * 2.0);
+        (predicted.expect("in view").pixel + offset).into()
+    };
+    board.iter().enumerate().map(see).collect()
+}
+
+#[test]
+fn gradient_matches_central_differences_of_the_cost() {
+    let (lens, board, loss) = (BrownConrady, board(), Huber { threshold_px: 2.0 });
+    let seen: Vec<_> = (0..3).map(|v| [0, 1].map(|c| pixels(&lens, &board, c, v))).collect();
+    let mut views: Vec<_> =
+        seen.iter().map(|[l, r]| View { board_m: &board, pixels: [l.as_slice(), r] }).collect();
+    // One view that only the left camera saw, one that only the right camera saw.
+    views[1].pixels[1] = &[];
+    views[2].pixels[0] = &[];
+    let bundle = Bundle::new(&lens, &views, &[true; 2 * K + 6]);
+    let at = estimate();
+    let system = bundle.assemble(&at, loss).expect("all in view");
+    let zero = || Step {
+        shared: DVector::zeros(2 * K + 6),
+        poses: vec![Vector6::zeros(); 3],
+        predicted_reduction: 0.0,
+    };
+    let cost = |step: &Step| bundle.assemble(&bundle.moved(&at, step), loss).expect("all in view").cost;
+    let check = |name: String, analytic: f64, h: f64, set: &dyn Fn(&mut Step, f64)| {
+        let (mut ahead, mut behind) = (zero(), zero());
+        set(&mut ahead, h);
+        set(&mut behind, -h);
+        let numeric = (cost(&ahead) - cost(&behind)) / (2.0 * h);
+        assert!((analytic - numeric).abs() < 1e-4 * (1.0 + numeric.abs()), "{name}: {analytic} {numeric}");
+    };
+    for i in 0..2 * K + 6 {
+        let h = if i < 2 * K && i % K < 4 { 1e-4 } else { 1e-7 };
+        check(format!("shared {i}"), system.gradient[i], h, &|step, h| step.shared[i] = h);
+    }
+    for (v, block) in system.blocks.iter().enumerate() {
+        for i in 0..6 {
+            check(format!("pose {v} {i}"), block.gradient[i], 1e-7, &|step, h| step.poses[v][i] = h);
+        }
+    }
+}
+
+#[test]
+fn elimination_solves_the_whole_system() {
+    let (lens, board) = (BrownConrady, board());
+    let seen: Vec<_> = (0..3).map(|v| [0, 1].map(|c| pixels(&lens, &board, c, v))).collect();
+    let views: Vec<_> =
+        seen.iter().map(|[l, r]| View { board_m: &board, pixels: [l.as_slice(), r] }).collect();
+    // One coefficient of each camera held fixed.
+    let mut free = [true; 2 * K + 6];
+    (free[8], free[17]) = (false, false);
+    let bundle = Bundle::new(&lens, &views, &free);
+    let system = bundle.assemble(&estimate(), Huber::SQUARED).expect("all in view");
+    let (shared, damping) = (bundle.free_count, 1e-2);
+    let size = shared + 18;
+    let (mut whole, mut gradient) = (DMatrix::zeros(size, size), DVector::zeros(size));
+    whole.view_mut((0, 0), (shared, shared)).copy_from(&system.shared);
+    gradient.rows_mut(0, shared).copy_from(&system.gradient);
+    for (v, block) in system.blocks.iter().enumerate() {
+        let at = shared + 6 * v;
+        whole.view_mut((at, at), (6, 6)).copy_from(&block.pose);
+        whole.view_mut((at, 0), (6, shared)).copy_from(&block.coupling);
+        whole.view_mut((0, at), (shared, 6)).copy_from(&block.coupling.transpose());
+        gradient.rows_mut(at, 6).copy_from(&block.gradient);
+    }
+    for i in 0..size {
+        whole[(i, i)] *= 1.0 + damping;
+    }
+    let expected = -scaled_cholesky_solve(&whole, &gradient).expect("positive definite");
+    let step = system.solve(damping).expect("positive definite");
+    for i in 0..shared {
+        assert!((step.shared[i] - expected[i]).abs() < 1e-6 * (1e-6 + expected[i].abs()), "shared {i}");
+    }
+    for v in 0..3 {
+        for i in 0..6 {
+            let expected = expected[shared + 6 * v + i];
+            assert!((step.poses[v][i] - expected).abs() < 1e-6 * (1e-6 + expected.abs()), "pose {v} {i}");
+        }
+    }
+}
