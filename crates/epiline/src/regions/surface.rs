@@ -12,6 +12,8 @@
 //! A fitted surface, not the smallest of many noisy values: the smallest of 320 columns would be 2–3 sigma too near.
 //! The plane follows a floor or a wall seen at an angle to its nearest edge, where an average would report its middle.
 
+use std::ops::RangeInclusive;
+
 use super::Region;
 use super::plane::{Member, Plane, Scene, TOLERANCE_PX};
 use super::profile::ProfileParams;
@@ -174,29 +176,54 @@ impl SurfaceFinder {
         scene.distance(self.window_px(x) + more_px, (scene.region.x + x) as f64, middle_row)
     }
 
-    /// Grows the surface at column `seed` of the region, takes its columns' windows away, and finds its nearest
-    /// point and how many pixels it has.
+    /// Nearest point of the surface at column `seed` of the region, and how many pixels the surface has; takes away
+    /// the windows of the columns it covers.
     fn grow(&mut self, scene: &Scene<'_>, seed: usize, support: usize) -> Option<(Point, usize)> {
-        let Region { x: first, width, y: top, height, .. } = *scene.region;
-        let sigma_px = scene.params.disparity_sigma_px;
-        let last = first + width - 1;
-        let mut left = (first + seed).saturating_sub(REACH).max(first);
-        let mut right = (first + seed + REACH).min(last);
-        let mut plane = Plane::level(self.window_px(seed));
+        let seed_px = self.window_px(seed);
         self.distances[seed] = f64::NAN;
+        let first = scene.region.x;
+        let last = first + scene.region.width - 1;
+        let columns = (first + seed).saturating_sub(REACH).max(first)..=(first + seed + REACH).min(last);
         // A window is 1 px wide and its centre uncertain by a fraction: the first look is wider.
-        let mut tolerance_px = 1.0;
+        scene.collect(columns.clone(), &Plane::level(seed_px), 1.0, &mut self.members);
+        let start = Plane::fit(&self.members, scene.params.disparity_sigma_px)?;
+
+        let (plane, grown) = self.extend(scene, start, columns.clone());
+        self.take_windows(scene, &plane, grown.clone());
+        let of_seed = self.near_end(scene, &start, columns, support);
+        let of_grown = self.near_end(scene, &plane, grown, support);
+        match (of_seed, of_grown) {
+            // Where surfaces bend or crowd, a plane may grow into something farther than what it began with. Else the
+            // larger is the better measured one.
+            (Some((seed, _)), Some((grown, _))) => {
+                let farther_px = seed.disparity_px - WINDOW_ERROR_PX;
+                let farther = scene.distance(farther_px, seed.x as f64, seed.y as f64);
+                if grown.distance > farther { of_seed } else { of_grown }
+            }
+            _ => of_seed.or(of_grown),
+        }
+    }
+
+    /// Extends a plane over neighbouring columns that hold its pixels, fitting again each time.
+    fn extend(
+        &mut self,
+        scene: &Scene<'_>,
+        mut plane: Plane,
+        columns: RangeInclusive<usize>,
+    ) -> (Plane, RangeInclusive<usize>) {
+        let (mut left, mut right) = columns.into_inner();
+        let end = scene.region.x + scene.region.width;
         let mut members_before = 0;
         for _ in 0..MAX_FITS {
-            scene.collect(left..=right, &plane, tolerance_px, &mut self.members);
-            plane = Plane::fit(&self.members, sigma_px)?;
-            tolerance_px = TOLERANCE_PX;
             // Twice as wide at most before the next fit: slopes found on few columns do not carry far.
             let limit = right - left + 1;
             let holds = |x: &usize| scene.column_holds(*x, &plane);
-            let more_left = (first..left).rev().take(limit).take_while(holds).count();
-            let more_right = (right + 1..=last).take(limit).take_while(holds).count();
+            let more_left = (scene.region.x..left).rev().take(limit).take_while(holds).count();
+            let more_right = (right + 1..end).take(limit).take_while(holds).count();
             (left, right) = (left - more_left, right + more_right);
+            scene.collect(left..=right, &plane, TOLERANCE_PX, &mut self.members);
+            let Some(fitted) = Plane::fit(&self.members, scene.params.disparity_sigma_px) else { break };
+            plane = fitted;
             // A surface at an angle also gains rows as its slope comes out.
             let settled = self.members.len().abs_diff(members_before) <= self.members.len() / 100;
             if more_left + more_right == 0 && settled {
@@ -204,23 +231,37 @@ impl SurfaceFinder {
             }
             members_before = self.members.len();
         }
+        (plane, left..=right)
+    }
 
-        // Windows that look at this surface would only lead here again.
-        for x in left..=right {
+    /// Takes away the windows that look at a surface: they would only lead to it again.
+    fn take_windows(&mut self, scene: &Scene<'_>, plane: &Plane, columns: RangeInclusive<usize>) {
+        let Region { x: first, y: top, height, .. } = *scene.region;
+        for x in columns {
             let ends = [plane.at(x, top), plane.at(x, top + height - 1)];
             let (far, near) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
             if (far - 1.0..=near + 1.0).contains(&self.window_px(x - first)) {
                 self.distances[x - first] = f64::NAN;
             }
         }
+    }
 
-        scene.collect(left..=right, &plane, TOLERANCE_PX, &mut self.members);
+    /// Nearest point of a surface, fitted again to its near end alone, and how many pixels the whole has.
+    ///
+    /// What bends, or blends into another surface far behind, is still a plane at its near end.
+    fn near_end(
+        &mut self,
+        scene: &Scene<'_>,
+        plane: &Plane,
+        columns: RangeInclusive<usize>,
+        support: usize,
+    ) -> Option<(Point, usize)> {
+        scene.collect(columns.clone(), plane, TOLERANCE_PX, &mut self.members);
         let pixels = self.members.len();
-        // What bends, or blends into another surface far behind, is still a plane at its near end.
-        let near_end_px = self.nearest_point(scene, &plane, support)?.disparity_px - NEAR_END_PX;
+        let near_end_px = self.nearest_point(scene, plane, support)?.disparity_px - NEAR_END_PX;
         self.members.retain(|member| plane.at(member.x, member.y) >= near_end_px);
-        plane = Plane::fit(&self.members, sigma_px)?;
-        scene.collect(left..=right, &plane, TOLERANCE_PX, &mut self.members);
+        let plane = Plane::fit(&self.members, scene.params.disparity_sigma_px)?;
+        scene.collect(columns, &plane, TOLERANCE_PX, &mut self.members);
         self.members.retain(|member| plane.at(member.x, member.y) >= near_end_px);
         self.nearest_point(scene, &plane, support).map(|point| (point, pixels))
     }
