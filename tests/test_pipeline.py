@@ -97,9 +97,9 @@ def test_colour_is_taken(geometry: ep.RectifiedGeometry) -> None:
 def test_bad_input_is_one_clear_error(geometry: ep.RectifiedGeometry) -> None:
     left, right = pair(1)
     pipeline = ep.Pipeline(geometry)
-    with pytest.raises(ValueError, match="320x240.*320x239"):
+    with pytest.raises(ValueError, match=r"320x240.*320x239"):
         pipeline.process(left, right[1:])
-    with pytest.raises(ValueError, match="318x240.*320x240"):
+    with pytest.raises(ValueError, match=r"318x240.*320x240"):
         pipeline.process(left[:, 2:], right[:, 2:])
     with pytest.raises(ValueError, match="uint8"):
         pipeline.process(left.astype(np.float32), right)
