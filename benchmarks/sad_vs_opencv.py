@@ -5,10 +5,11 @@
     python benchmarks/sad_vs_opencv.py --record           # and benchmarks/record/<cpu>/<date>.csv
 
 Repetitions of the two alternate, so that whatever else the machine does meets both; the ratio is the median of the
-repetitions' ratios. Time is that of the thread, so that a shared machine's other work is not counted. "equal" is the share of answers that are the same number: without tests, of the interior, where
-both look at the same pixels; with tests, of the interior pixels that both answer (OpenCV's left-right check compares
-winners only, so the two reject different pixels). With tests, both have uniqueness 10, texture 10, left-right 1 and
-speckle 100 within 2 px.
+repetitions' ratios. Time is that of the thread, so that the waiting on a busy machine is not counted.
+
+"equal" is the share of answers that are the same number: without tests, of the interior, where both look at the same
+pixels; with tests, of the interior pixels that both answer (OpenCV's left-right check compares winners only, so the two
+reject different pixels). With tests, both have uniqueness 10, texture 10, left-right 1 and speckle 100 within 2 px.
 """
 
 from __future__ import annotations
