@@ -38,12 +38,7 @@ impl PipelineParams {
             num_disparities: (width.div_ceil(6 * 16) * 16)
                 .clamp(1, MatcherParams::MAX_DISPARITIES)
                 .min(width.max(1)),
-            block_size: 9,
-            uniqueness_ratio: 10,
-            texture_threshold: 10,
-            left_right_max_diff: Some(1),
-            speckle_size: 100,
-            ..MatcherParams::default()
+            ..MatcherParams::with_all_tests()
         };
         Self {
             matcher,

@@ -146,7 +146,7 @@ def workshop(seed: int = 0) -> Scene:
     two, and no matcher with a window can say which. The toolbox stays below all bands.
     """
     solids: tuple[Solid, ...] = (
-        Box("toolbox", (2.08, -0.33, 0.10), (0.24, 0.44, 0.20), RED, yaw_rad=0.35),
+        Box("toolbox", (2.08, -0.33, 0.10), (0.24, 0.44, 0.20), RED, yaw_rad=0.05),
         Box("parcel", (2.85, 0.65, 0.36), (0.50, 0.56, 0.72), CARDBOARD, yaw_rad=-0.22),
         Box("crate", (4.0, -1.25, 0.40), (0.80, 0.80, 0.80), CRATE, yaw_rad=0.30),
         Pole("bollard", 4.75, 0.22, 0.075, 1.05, HAZARD),
