@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use epiline::image::{Image, StereoPair};
+use epiline::matching::MatcherParams;
 use epiline::obstacles::ObstacleParams;
 use epiline::pipeline::{FrameResult, Pipeline, PipelineParams};
 use epiline::rectification::RectifiedGeometry;
@@ -13,7 +14,7 @@ use pyo3::types::PyDict;
 
 use crate::camera::PyStereoCalibration;
 use crate::convert::{OrRaise, grey_image, whole};
-use crate::matching::{PyDisparityMap, PyStereoMatcher};
+use crate::matching::{PyDisparityMap, PyStereoMatcher, parameters_dict};
 use crate::obstacles::PyObstacle;
 use crate::range::PyRangeImage;
 use crate::rectification::{PyAlignmentError, PyRectifiedGeometry, PyRectifiedPair};
@@ -166,6 +167,7 @@ impl State {
 pub struct PyPipeline {
     geometry: RectifiedGeometry,
     regions: Vec<Region>,
+    matcher: MatcherParams,
     state: Mutex<State>,
 }
 
@@ -215,7 +217,8 @@ impl PyPipeline {
         };
         let pipeline = pipeline.or_raise()?;
         let (geometry, regions) = (*pipeline.geometry(), pipeline.regions().to_vec());
-        Ok(Self { geometry, regions, state: Mutex::new(State { pipeline, results: Vec::new() }) })
+        let matcher = params.matcher;
+        Ok(Self { geometry, regions, matcher, state: Mutex::new(State { pipeline, results: Vec::new() }) })
     }
 
     /// Geometry of the aligned images.
@@ -228,6 +231,12 @@ impl PyPipeline {
     #[getter]
     fn regions(&self) -> Vec<PyRegion> {
         self.regions.iter().cloned().map(PyRegion).collect()
+    }
+
+    /// dict: the matcher's parameters, by the names StereoMatcher is given them with.
+    #[getter]
+    fn matcher_parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        parameters_dict(py, &self.matcher)
     }
 
     /// Processes a pair.

@@ -74,10 +74,12 @@ impl ObstacleParams {
         check_disparity_sigma(self.disparity_sigma_px)
     }
 
-    /// Smallest disparity, infinity at zero, that is not too far away to report, px.
+    /// Smallest disparity, infinity at zero, that is worth clustering, px.
+    ///
+    /// Some way beyond the range asked for: what lies across its end is measured whole before it is left out.
     fn smallest_disparity_px(&self, geometry: &RectifiedGeometry) -> f64 {
         let of_range =
-            self.max_range_m.map_or(0.0, |limit_m| geometry.focal_px * geometry.baseline_m / limit_m);
+            self.max_range_m.map_or(0.0, |limit_m| geometry.focal_px * geometry.baseline_m / (1.5 * limit_m));
         // At least a bin's width, so that no pixel of the last bin is beyond infinity.
         of_range.max(3.0 * self.disparity_sigma_px).max(0.5)
     }
