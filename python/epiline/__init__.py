@@ -50,6 +50,7 @@ from epiline.targets.boards import Chessboard
 if TYPE_CHECKING:
     from epiline import tsai
     from epiline.evaluation import Evaluation, evaluate
+    from epiline.sources import open_source
     from epiline.targets import Observations, find_boards
 
 __all__ = [
@@ -85,6 +86,7 @@ __all__ = [
     "gaussian_low_pass",
     "grey",
     "match",
+    "open_source",
     "paper_regions",
     "profile",
     "simd_level",
@@ -98,6 +100,7 @@ _LOADED_ON_USE = {
     "Observations": "epiline.targets",
     "evaluate": "epiline.evaluation",
     "find_boards": "epiline.targets",
+    "open_source": "epiline.sources",
 }
 
 

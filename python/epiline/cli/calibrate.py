@@ -106,6 +106,9 @@ def print_calibration(calibration: StereoCalibration, observations: Observations
     """The rig, its uncertainty, every rejected view with its reason, and the verdict."""
     for view in observations.rejected:
         say(f"left out {view.name_left} / {view.name_right}: {view.reason}")
+    for view in observations.accepted:
+        if view.remark:
+            say(f"{view.name_left} / {view.name_right}: {view.remark}")
     names = [view.name_left for view in observations.views if view.accepted]
     rows = [(n, f"{v.left_rms_px:.3f}", f"{v.right_rms_px:.3f}") for n, v in zip(names, calibration.views, strict=True)]
     print_table(f"{len(rows)} of {len(observations.views)} pairs", ("pair", "left rms px", "right rms px"), rows)
@@ -137,7 +140,13 @@ def as_json(calibration: StereoCalibration, observations: Observations, verdict:
 
     return {
         "views": [
-            {"left": str(v.name_left), "right": str(v.name_right), "accepted": v.accepted, "reason": v.reason}
+            {
+                "left": v.name_left,
+                "right": v.name_right,
+                "accepted": v.accepted,
+                "reason": v.reason,
+                "remark": v.remark,
+            }
             for v in observations.views
         ],
         "view_rms_px": [[v.left_rms_px, v.right_rms_px] for v in calibration.views],
