@@ -3,16 +3,15 @@
 Images are `(H, W)` or `(H, W, 3)` uint8; three channels are blue, green, red, as OpenCV reads them.
 """
 
-import os
 from collections.abc import Sequence
-from typing import Any, Literal, TypeAlias, final
+from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Image: TypeAlias = NDArray[np.uint8]
-Floats: TypeAlias = NDArray[np.float64]
-Path: TypeAlias = str | os.PathLike[str]
+from epiline._typing import Floats, Image, Path
+
+__all__: list[str]
 
 __version__: str
 
@@ -233,7 +232,7 @@ class StereoMatcher:
         block_size: int = 15,
         min_disparity: int = 0,
         threads: int | None = None,
-        prefilter: Literal["xsobel", "none"] | None = "xsobel",
+        prefilter: Literal["xsobel", "none"] | None = ...,
         prefilter_cap: int = 31,
         uniqueness_ratio: int = 0,
         texture_threshold: int = 0,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from epiline._core import DisparityMap, StereoCalibration, StereoMatcher, calibrate_points
 
 if TYPE_CHECKING:
-    from epiline._core import Image
+    from epiline._typing import Image
     from epiline.targets import Observations
 
 

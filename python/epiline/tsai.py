@@ -19,7 +19,7 @@ from epiline._core import tsai_calibrate
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from epiline._core import Floats
+    from epiline._typing import Floats
 
 __all__ = ["Calibration", "Sensor", "calibrate"]
 

@@ -187,6 +187,9 @@ fn py_to_range(
     Ok(PyRangeImage(Holder::Own(image.or_raise()?)))
 }
 
+/// Lower and upper bounds, in the shape of the argument.
+type Bounds<'py> = (Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>);
+
 /// distance = a e^(b x) + c e^(d x), x a disparity in pixels, distance in metres: equation 6 of the 2011 paper.
 ///
 /// Made by fit_range_curve; it means nothing outside span_px.
@@ -291,7 +294,7 @@ impl PyRangeCurve {
         &self,
         disparity_px: &Bound<'py, PyAny>,
         confidence: f64,
-    ) -> PyResult<(Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>)> {
+    ) -> PyResult<Bounds<'py>> {
         let interval = |x| self.0.predict_interval(x, confidence).or_raise();
         Ok((
             elementwise(disparity_px, |x| interval(x).map(|(low, _)| low))?,

@@ -1,5 +1,7 @@
 //! A small world of upright rectangles, a floor and a wall, and its disparity map as a matcher would see it.
 
+#![allow(dead_code, reason = "each test binary uses a part of it")]
+
 use epiline::matching::{DisparityMap, Validity};
 use epiline::rectification::RectifiedGeometry;
 
