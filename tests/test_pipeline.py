@@ -54,6 +54,7 @@ def test_a_frame_is_what_its_steps_give(geometry: ep.RectifiedGeometry) -> None:
     assert list(stages) == ["equalize", "rectify", "match", "range", "regions", "obstacles", "alignment", "total"]
     assert stages["total"] >= stages["match"] > 0
     assert pipeline.regions == regions
+    assert pipeline.matcher_parameters == matcher.parameters
 
 
 def test_results_outlive_the_frames_after_them(geometry: ep.RectifiedGeometry) -> None:
@@ -72,7 +73,7 @@ def test_results_outlive_the_frames_after_them(geometry: ep.RectifiedGeometry) -
 
 def test_raw_pairs_are_rectified_as_the_rectifier_does() -> None:
     camera = ep.CameraModel([[300, 0, 160], [0, 300, 120], [0, 0, 1]], [-0.1, 0.02, 0, 0, 0], width=320, height=240)
-    angle = 0.01
+    angle = 0.05
     rotation = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     rig = ep.StereoCalibration(camera, camera, rotation, [-0.12, 0.001, 0.0])
     left, right = pair(3)
@@ -81,7 +82,7 @@ def test_raw_pairs_are_rectified_as_the_rectifier_does() -> None:
     aligned = ep.Rectifier(rig)(ep.equalize(left), ep.equalize(right))
     for name in ("left", "right", "left_valid", "right_valid"):
         np.testing.assert_array_equal(getattr(result.pair, name), getattr(aligned, name))
-    assert not result.pair.left_valid.all()
+    assert not result.pair.left_valid.all() or not result.pair.right_valid.all()
     assert result.alignment is None
     assert [r.name for r in pipeline.regions] == ["band_20", "band_30", "band_40", "band_50"]
     assert pipeline.geometry.baseline_m == pytest.approx(rig.baseline_m)

@@ -186,6 +186,34 @@ impl PyStereoMatcher {
     }
 }
 
+/// Every parameter of a matcher, by the name Python gives it with.
+pub fn parameters_dict<'py>(py: Python<'py>, params: &MatcherParams) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item(
+        "method",
+        match params.method {
+            Method::Sad => "sad",
+        },
+    )?;
+    dict.set_item("num_disparities", params.num_disparities)?;
+    dict.set_item("block_size", params.block_size)?;
+    dict.set_item("min_disparity", params.min_disparity)?;
+    dict.set_item("threads", params.threads)?;
+    let prefilter = match params.prefilter {
+        Prefilter::None => "none",
+        Prefilter::XSobel => "xsobel",
+    };
+    dict.set_item("prefilter", prefilter)?;
+    dict.set_item("prefilter_cap", params.prefilter_cap)?;
+    dict.set_item("uniqueness_ratio", params.uniqueness_ratio)?;
+    dict.set_item("texture_threshold", params.texture_threshold)?;
+    dict.set_item("left_right_max_diff", params.left_right_max_diff)?;
+    dict.set_item("speckle_size", params.speckle_size)?;
+    dict.set_item("speckle_range", params.speckle_range)?;
+    dict.set_item("subpixel", params.subpixel)?;
+    Ok(dict)
+}
+
 #[pymethods]
 impl PyStereoMatcher {
     #[new]
@@ -245,31 +273,7 @@ impl PyStereoMatcher {
     /// dict: every parameter, by the name it is given with.
     #[getter]
     fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let params = &self.params;
-        let dict = PyDict::new(py);
-        dict.set_item(
-            "method",
-            match params.method {
-                Method::Sad => "sad",
-            },
-        )?;
-        dict.set_item("num_disparities", params.num_disparities)?;
-        dict.set_item("block_size", params.block_size)?;
-        dict.set_item("min_disparity", params.min_disparity)?;
-        dict.set_item("threads", params.threads)?;
-        let prefilter = match params.prefilter {
-            Prefilter::None => "none",
-            Prefilter::XSobel => "xsobel",
-        };
-        dict.set_item("prefilter", prefilter)?;
-        dict.set_item("prefilter_cap", params.prefilter_cap)?;
-        dict.set_item("uniqueness_ratio", params.uniqueness_ratio)?;
-        dict.set_item("texture_threshold", params.texture_threshold)?;
-        dict.set_item("left_right_max_diff", params.left_right_max_diff)?;
-        dict.set_item("speckle_size", params.speckle_size)?;
-        dict.set_item("speckle_range", params.speckle_range)?;
-        dict.set_item("subpixel", params.subpixel)?;
-        Ok(dict)
+        parameters_dict(py, &self.params)
     }
 
     /// Disparities of the left image.

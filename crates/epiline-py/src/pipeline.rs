@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use epiline::image::{Image, StereoPair};
+use epiline::matching::MatcherParams;
 use epiline::obstacles::ObstacleParams;
 use epiline::pipeline::{FrameResult, Pipeline, PipelineParams};
 use epiline::rectification::RectifiedGeometry;
@@ -13,7 +14,7 @@ use pyo3::types::PyDict;
 
 use crate::camera::PyStereoCalibration;
 use crate::convert::{OrRaise, grey_image, whole};
-use crate::matching::{PyDisparityMap, PyStereoMatcher};
+use crate::matching::{PyDisparityMap, PyStereoMatcher, parameters_dict};
 use crate::obstacles::PyObstacle;
 use crate::range::PyRangeImage;
 use crate::rectification::{PyAlignmentError, PyRectifiedGeometry, PyRectifiedPair};
@@ -155,6 +156,8 @@ impl State {
 ///     No obstacle farther than this.
 /// min_support : int
 ///     Pixels that a column must have within 1 px of disparity to see an obstacle there.
+/// min_height_m : float
+///     Nothing lower is an obstacle, unless it reaches the upper or lower edge of its region.
 ///
 /// Raises
 /// ------
@@ -166,6 +169,7 @@ impl State {
 pub struct PyPipeline {
     geometry: RectifiedGeometry,
     regions: Vec<Region>,
+    matcher: MatcherParams,
     state: Mutex<State>,
 }
 
@@ -174,7 +178,7 @@ impl PyPipeline {
     #[new]
     #[pyo3(signature = (
         rig, *, matcher = None, regions = None, equalize = false, alignment = true, disparity_sigma_px = 0.25,
-        max_range_m = None, min_support = 8
+        max_range_m = None, min_support = 8, min_height_m = 0.1
     ))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
@@ -187,6 +191,7 @@ impl PyPipeline {
         disparity_sigma_px: f64,
         max_range_m: Option<f64>,
         min_support: i64,
+        min_height_m: f64,
     ) -> PyResult<Self> {
         let (width, height) = match &rig {
             Rig::Cameras(calibration) => {
@@ -200,7 +205,7 @@ impl PyPipeline {
             params.matcher = matcher.get().params();
         }
         let min_support = whole("min_support", min_support)?;
-        params.obstacles = ObstacleParams { min_support, max_range_m, ..params.obstacles };
+        params.obstacles = ObstacleParams { min_support, max_range_m, min_height_m, ..params.obstacles };
         params = PipelineParams { equalize, alignment, disparity_sigma_px, ..params };
         let regions = match regions {
             Some(regions) => unwrap(regions),
@@ -215,7 +220,8 @@ impl PyPipeline {
         };
         let pipeline = pipeline.or_raise()?;
         let (geometry, regions) = (*pipeline.geometry(), pipeline.regions().to_vec());
-        Ok(Self { geometry, regions, state: Mutex::new(State { pipeline, results: Vec::new() }) })
+        let matcher = params.matcher;
+        Ok(Self { geometry, regions, matcher, state: Mutex::new(State { pipeline, results: Vec::new() }) })
     }
 
     /// Geometry of the aligned images.
@@ -228,6 +234,12 @@ impl PyPipeline {
     #[getter]
     fn regions(&self) -> Vec<PyRegion> {
         self.regions.iter().cloned().map(PyRegion).collect()
+    }
+
+    /// dict: the matcher's parameters, by the names StereoMatcher is given them with.
+    #[getter]
+    fn matcher_parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        parameters_dict(py, &self.matcher)
     }
 
     /// Processes a pair.

@@ -46,7 +46,7 @@ fn columns_match_brute_force() {
         let got = &profile(&map, std::slice::from_ref(&region), Some(&geometry), &params).expect("inside")[0];
         let ranges_m = got.nearest_range_m.as_ref().expect("with geometry");
         let mut all = Vec::new();
-        for column in 0..region.width {
+        for (column, &range_got_m) in ranges_m.iter().enumerate() {
             let x = region.x + column;
             let values = disparities(&map, x, region.y..region.y + region.height);
             let mut sorted: Vec<f32> = values.iter().map(|v| v.0).collect();
@@ -71,7 +71,7 @@ fn columns_match_brute_force() {
                 let mean_row = rows / supporters(d).count() as f64;
                 (geometry.depth_m(f64::from(d)) * geometry.range_per_depth(x as f64, mean_row)) as f32
             });
-            assert!(same(ranges_m[column], range_m), "{context}: {} {range_m:?}", ranges_m[column]);
+            assert!(same(range_got_m, range_m), "{context}: {range_got_m} {range_m:?}");
             all.extend(sorted);
         }
         assert!(all.len() > 10, "{}: too few values to test anything", region.name);
