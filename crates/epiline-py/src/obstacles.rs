@@ -128,6 +128,7 @@ impl PyObstacle {
         disparity_sigma_px = 0.25
     )
 )]
+#[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 fn py_find_obstacles(
     py: Python<'_>,
     disparity: PyRef<'_, PyDisparityMap>,

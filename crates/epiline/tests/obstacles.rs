@@ -1,11 +1,14 @@
 //! Obstacles in worlds whose boxes, poles, floor and wall are known.
 
+#[path = "scene/matched.rs"]
+mod matched;
 mod scene;
 
 use epiline::matching::DisparityMap;
 use epiline::obstacles::{Obstacle, ObstacleFinder, ObstacleParams, find_obstacles};
 use epiline::regions::{Region, paper_regions};
-use scene::{Board, Flaws, HEIGHT, NO_FLAWS, ORDINARY, Random, WIDTH, World, disparity_of, geometry};
+use matched::{Flaws, NO_FLAWS, ORDINARY, disparity_of};
+use scene::{Board, HEIGHT, Random, WIDTH, World, geometry};
 
 fn whole() -> Vec<Region> {
     vec![Region::whole(WIDTH, HEIGHT)]

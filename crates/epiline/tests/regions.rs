@@ -1,5 +1,7 @@
 //! Regions against brute force, and nearest surfaces against worlds whose distances are known.
 
+#[path = "scene/matched.rs"]
+mod matched;
 mod scene;
 
 use epiline::matching::{DisparityMap, Validity};
@@ -7,7 +9,8 @@ use epiline::rectification::RectifiedGeometry;
 use epiline::regions::{
     NearestSurface, ProfileParams, Profiler, Region, RegionProfile, paper_regions, profile,
 };
-use scene::{Board, Flaws, HEIGHT, NO_FLAWS, ORDINARY, Random, WIDTH, World, disparity_of, geometry};
+use matched::{Flaws, NO_FLAWS, ORDINARY, disparity_of};
+use scene::{Board, HEIGHT, Random, WIDTH, World, geometry};
 
 fn random_map(width: usize, height: usize, seed: u64) -> DisparityMap {
     let mut random = Random::new(seed);
