@@ -395,6 +395,7 @@ def find_obstacles(
     regions: Sequence[Region] | None = None,
     max_range_m: float | None = None,
     min_support: int = 8,
+    min_height_m: float = 0.1,
     disparity_sigma_px: float = 0.25,
 ) -> list[Obstacle]: ...
 
@@ -430,6 +431,7 @@ class Pipeline:
         disparity_sigma_px: float = 0.25,
         max_range_m: float | None = None,
         min_support: int = 8,
+        min_height_m: float = 0.1,
     ) -> Pipeline: ...
     @property
     def geometry(self) -> RectifiedGeometry: ...

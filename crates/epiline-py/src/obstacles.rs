@@ -107,6 +107,8 @@ impl PyObstacle {
 ///     Nothing farther is reported; by default nothing whose disparity is less than 3 sigma.
 /// min_support : int
 ///     Pixels that a column must have within 1 px of disparity to see an obstacle there.
+/// min_height_m : float
+///     Nothing lower is an obstacle, unless it reaches the upper or lower edge of its region.
 /// disparity_sigma_px : float
 ///     Standard deviation of a disparity, px.
 ///
@@ -122,9 +124,11 @@ impl PyObstacle {
 #[pyo3(
     name = "find_obstacles",
     signature = (
-        disparity, geometry, *, regions = None, max_range_m = None, min_support = 8, disparity_sigma_px = 0.25
+        disparity, geometry, *, regions = None, max_range_m = None, min_support = 8, min_height_m = 0.1,
+        disparity_sigma_px = 0.25
     )
 )]
+#[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 fn py_find_obstacles(
     py: Python<'_>,
     disparity: PyRef<'_, PyDisparityMap>,
@@ -132,11 +136,13 @@ fn py_find_obstacles(
     regions: Option<Vec<PyRegion>>,
     max_range_m: Option<f64>,
     min_support: i64,
+    min_height_m: f64,
     disparity_sigma_px: f64,
 ) -> PyResult<Vec<PyObstacle>> {
     let params = ObstacleParams {
         min_support: whole("min_support", min_support)?,
         max_range_m,
+        min_height_m,
         disparity_sigma_px,
         ..ObstacleParams::default()
     };

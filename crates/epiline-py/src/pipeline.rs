@@ -156,6 +156,8 @@ impl State {
 ///     No obstacle farther than this.
 /// min_support : int
 ///     Pixels that a column must have within 1 px of disparity to see an obstacle there.
+/// min_height_m : float
+///     Nothing lower is an obstacle, unless it reaches the upper or lower edge of its region.
 ///
 /// Raises
 /// ------
@@ -176,7 +178,7 @@ impl PyPipeline {
     #[new]
     #[pyo3(signature = (
         rig, *, matcher = None, regions = None, equalize = false, alignment = true, disparity_sigma_px = 0.25,
-        max_range_m = None, min_support = 8
+        max_range_m = None, min_support = 8, min_height_m = 0.1
     ))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
@@ -189,6 +191,7 @@ impl PyPipeline {
         disparity_sigma_px: f64,
         max_range_m: Option<f64>,
         min_support: i64,
+        min_height_m: f64,
     ) -> PyResult<Self> {
         let (width, height) = match &rig {
             Rig::Cameras(calibration) => {
@@ -202,7 +205,7 @@ impl PyPipeline {
             params.matcher = matcher.get().params();
         }
         let min_support = whole("min_support", min_support)?;
-        params.obstacles = ObstacleParams { min_support, max_range_m, ..params.obstacles };
+        params.obstacles = ObstacleParams { min_support, max_range_m, min_height_m, ..params.obstacles };
         params = PipelineParams { equalize, alignment, disparity_sigma_px, ..params };
         let regions = match regions {
             Some(regions) => unwrap(regions),

@@ -187,20 +187,17 @@ fn py_to_range(
     Ok(PyRangeImage(Holder::Own(image.or_raise()?)))
 }
 
-/// Lower and upper bounds, in the shape of the argument.
-type Bounds<'py> = (Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>);
-
 /// distance = a e^(b x) + c e^(d x), x a disparity in pixels, distance in metres: equation 6 of the 2011 paper.
 ///
 /// Made by fit_range_curve; it means nothing outside span_px.
 #[pyclass(name = "RangeCurve", module = "epiline", frozen)]
 pub struct PyRangeCurve(RangeCurve);
 
+/// A float64 array of any shape.
+type Floats<'py> = Bound<'py, PyArrayDyn<f64>>;
+
 /// `f` of every element of anything NumPy reads as float64, in the same shape.
-fn elementwise<'py>(
-    values: &Bound<'py, PyAny>,
-    f: impl Fn(f64) -> PyResult<f64>,
-) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+fn elementwise<'py>(values: &Bound<'py, PyAny>, f: impl Fn(f64) -> PyResult<f64>) -> PyResult<Floats<'py>> {
     let py = values.py();
     let numpy = py.import("numpy")?;
     let array = numpy.call_method1("asarray", (values, "float64"))?;
@@ -267,7 +264,7 @@ impl PyRangeCurve {
     }
 
     /// Distance, metres, at disparities in pixels; in the shape of its argument.
-    fn predict<'py>(&self, disparity_px: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    fn predict<'py>(&self, disparity_px: &Bound<'py, PyAny>) -> PyResult<Floats<'py>> {
         elementwise(disparity_px, |x| Ok(self.0.predict(x)))
     }
 
@@ -294,7 +291,7 @@ impl PyRangeCurve {
         &self,
         disparity_px: &Bound<'py, PyAny>,
         confidence: f64,
-    ) -> PyResult<Bounds<'py>> {
+    ) -> PyResult<(Floats<'py>, Floats<'py>)> {
         let interval = |x| self.0.predict_interval(x, confidence).or_raise();
         Ok((
             elementwise(disparity_px, |x| interval(x).map(|(low, _)| low))?,

@@ -1,11 +1,14 @@
 //! Obstacles in worlds whose boxes, poles, floor and wall are known.
 
+#[path = "scene/matched.rs"]
+mod matched;
 mod scene;
 
 use epiline::matching::DisparityMap;
 use epiline::obstacles::{Obstacle, ObstacleFinder, ObstacleParams, find_obstacles};
 use epiline::regions::{Region, paper_regions};
-use scene::{Board, Flaws, HEIGHT, NO_FLAWS, ORDINARY, Random, WIDTH, World, disparity_of, geometry};
+use matched::{Flaws, NO_FLAWS, ORDINARY, disparity_of};
+use scene::{Board, HEIGHT, Random, WIDTH, World, geometry};
 
 fn whole() -> Vec<Region> {
     vec![Region::whole(WIDTH, HEIGHT)]
@@ -21,6 +24,7 @@ const NEAR_ROOM: ObstacleParams = ObstacleParams {
     min_support: 8,
     min_columns: 3,
     min_pixels: 64,
+    min_height_m: 0.1,
     max_range_m: Some(7.0),
     range_gap_m: 0.3,
     disparity_sigma_px: 0.25,
@@ -139,6 +143,20 @@ fn a_gap_in_range_makes_two_and_none_makes_one() {
 }
 
 #[test]
+fn low_things_are_left_out_where_all_of_them_is_seen() {
+    // 12 rows, 8 cm high.
+    let low = Board { z: 2.0, left: -0.2, right: 0.2, top: 0.3, bottom: 0.38 };
+    let world = World { boards: vec![low], ..World::default() };
+    let count = |min_height_m| find(&world, NO_FLAWS, 0, &ObstacleParams { min_height_m, ..NEAR_ROOM }).len();
+    assert_eq!((count(0.1), count(0.06)), (0, 1));
+    // The same in a region that ends in the middle of it.
+    let geometry = geometry();
+    let map = disparity_of(&world, &geometry, NO_FLAWS, 0);
+    let region = [Region::new("upper", 0, 0, WIDTH, 118 + 45 + 9)];
+    assert_eq!(find_obstacles(&map, &geometry, &region, &NEAR_ROOM).expect("parameters").len(), 1);
+}
+
+#[test]
 fn measures_are_those_of_the_board() {
     let board = Board { z: 2.0, left: 0.3, right: 0.8, top: -0.25, bottom: 0.35 };
     let got = find(&World { boards: vec![board], ..World::default() }, NO_FLAWS, 0, &NEAR_ROOM);
@@ -210,6 +228,8 @@ fn bad_parameters_are_named() {
         (ObstacleParams { min_columns: 20_000, ..NEAR_ROOM }, "min_columns = 20000 px"),
         (ObstacleParams { max_range_m: Some(-1.0), ..NEAR_ROOM }, "max_range_m = -1 m"),
         (ObstacleParams { range_gap_m: f64::NAN, ..NEAR_ROOM }, "range_gap_m = NaN m"),
+        (ObstacleParams { min_height_m: -0.5, ..NEAR_ROOM }, "min_height_m = -0.5 m"),
+        (ObstacleParams { min_pixels: 2_000_000, ..NEAR_ROOM }, "min_pixels = 2000000 px"),
         (ObstacleParams { disparity_sigma_px: -0.1, ..NEAR_ROOM }, "disparity_sigma_px = -0.1 px"),
     ];
     for (params, message) in bad {

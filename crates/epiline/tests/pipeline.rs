@@ -50,7 +50,7 @@ static COUNTING: Counting = Counting;
 /// A textured view of a world from both cameras, each pixel of the right one looked up in the left one.
 fn photograph(world: &World, geometry: &RectifiedGeometry, seed: u64) -> [Image<u8>; 2] {
     let mut random = Random::new(seed);
-    let noise = Image::from_fn(WIDTH, HEIGHT, |_, _| (255.0 * random.uniform()) as u8);
+    let noise = Image::from_fn(WIDTH, HEIGHT, |_, _| random.within(0.0, 256.0) as u8);
     let left = Image::from_fn(WIDTH, HEIGHT, |x, y| {
         let near = |i: usize, limit: usize| i.saturating_sub(1)..=(i + 1).min(limit - 1);
         let around: Vec<u32> = near(y, HEIGHT)

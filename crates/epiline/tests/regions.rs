@@ -1,5 +1,7 @@
 //! Regions against brute force, and nearest surfaces against worlds whose distances are known.
 
+#[path = "scene/matched.rs"]
+mod matched;
 mod scene;
 
 use epiline::matching::{DisparityMap, Validity};
@@ -7,7 +9,8 @@ use epiline::rectification::RectifiedGeometry;
 use epiline::regions::{
     NearestSurface, ProfileParams, Profiler, Region, RegionProfile, paper_regions, profile,
 };
-use scene::{Board, Flaws, HEIGHT, NO_FLAWS, ORDINARY, Random, WIDTH, World, disparity_of, geometry};
+use matched::{Flaws, NO_FLAWS, ORDINARY, disparity_of};
+use scene::{Board, HEIGHT, Random, WIDTH, World, geometry};
 
 fn random_map(width: usize, height: usize, seed: u64) -> DisparityMap {
     let mut random = Random::new(seed);
@@ -46,7 +49,7 @@ fn columns_match_brute_force() {
         let got = &profile(&map, std::slice::from_ref(&region), Some(&geometry), &params).expect("inside")[0];
         let ranges_m = got.nearest_range_m.as_ref().expect("with geometry");
         let mut all = Vec::new();
-        for (column, &got_m) in ranges_m.iter().enumerate() {
+        for (column, &range_got_m) in ranges_m.iter().enumerate() {
             let x = region.x + column;
             let values = disparities(&map, x, region.y..region.y + region.height);
             let mut sorted: Vec<f32> = values.iter().map(|v| v.0).collect();
@@ -71,7 +74,7 @@ fn columns_match_brute_force() {
                 let mean_row = rows / supporters(d).count() as f64;
                 (geometry.depth_m(f64::from(d)) * geometry.range_per_depth(x as f64, mean_row)) as f32
             });
-            assert!(same(got_m, range_m), "{context}: {got_m} {range_m:?}");
+            assert!(same(range_got_m, range_m), "{context}: {range_got_m} {range_m:?}");
             all.extend(sorted);
         }
         assert!(all.len() > 10, "{}: too few values to test anything", region.name);

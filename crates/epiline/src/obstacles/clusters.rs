@@ -99,7 +99,7 @@ impl ObstacleFinder {
             for cluster in self.clusters.iter().filter(|c| c.support >= params.min_pixels.max(1)) {
                 let pixels = &mut self.pixels[cluster.offset..cluster.offset + cluster.support];
                 let obstacle = self.measure.obstacle(pixels, geometry, region, params);
-                if params.max_range_m.is_none_or(|limit_m| obstacle.range_m <= limit_m) {
+                if params.wants(&obstacle, region) {
                     out.push(obstacle);
                 }
             }
@@ -117,13 +117,12 @@ impl ObstacleFinder {
         self.runs.clear();
         self.open.clear();
         self.open.resize(counts.width(), None);
-        for bin in (0..counts.height()).rev() {
-            if UDisparity::center_px(bin) + geometry.doffs_px < smallest_px {
-                break;
-            }
+        let is_too_far = |bin: usize| UDisparity::center_px(bin) + geometry.doffs_px < smallest_px;
+        for bin in (0..counts.height()).rev().take_while(|&bin| !is_too_far(bin)) {
             let here = counts.row(bin);
             let nearer = (bin + 1 < counts.height()).then(|| counts.row(bin + 1));
-            let farther = (bin > 0).then(|| counts.row(bin - 1));
+            // What lies beyond the range must not support what lies before it: a wall there would hold up the floor.
+            let farther = (bin > 0 && !is_too_far(bin - 1)).then(|| counts.row(bin - 1));
             for (column, &count) in here.iter().enumerate() {
                 if count == 0 {
                     continue;

@@ -29,6 +29,9 @@ pub struct ObstacleParams {
     pub min_columns: usize,
     /// Pixels an obstacle must have in all, 0 to 1000000.
     pub min_pixels: usize,
+    /// Nothing lower is reported, metres, not negative, unless it reaches the upper or lower edge of its region, where
+    /// more of it may be hidden. Drops the level patches that windows make of markings and shadows on a floor.
+    pub min_height_m: f64,
     /// Nothing farther is reported; `None`: nothing whose disparity is less than 3 sigma.
     pub max_range_m: Option<f64>,
     /// Things this much apart in depth are two, metres, positive; where 1 px of disparity is more, 1 px.
@@ -43,6 +46,7 @@ impl Default for ObstacleParams {
             min_support: 8,
             min_columns: 3,
             min_pixels: 64,
+            min_height_m: 0.1,
             max_range_m: None,
             range_gap_m: 0.3,
             disparity_sigma_px: 0.25,
@@ -71,15 +75,26 @@ impl ObstacleParams {
                 return Err(Error::invalid(name, format!("{value} m"), "must be positive"));
             }
         }
+        if !(self.min_height_m >= 0.0 && self.min_height_m.is_finite()) {
+            let value = format!("{} m", self.min_height_m);
+            return Err(Error::invalid("min_height_m", value, "must be finite and not negative"));
+        }
         check_disparity_sigma(self.disparity_sigma_px)
     }
 
-    /// Smallest disparity, infinity at zero, that is worth clustering, px.
-    ///
-    /// Some way beyond the range asked for: what lies across its end is measured whole before it is left out.
+    /// Whether an obstacle of `region` is one to report.
+    fn wants(&self, obstacle: &Obstacle, region: &Region) -> bool {
+        // The outermost pixels do not count towards the height, so an edge is reached two rows before it.
+        let end = obstacle.bounds.y + obstacle.bounds.height;
+        let at_edge = obstacle.bounds.y <= region.y + 2 || end + 2 >= region.y + region.height;
+        let tall_enough = at_edge || obstacle.height_m >= self.min_height_m;
+        tall_enough && self.max_range_m.is_none_or(|limit_m| obstacle.range_m <= limit_m)
+    }
+
+    /// Smallest disparity, infinity at zero, that is not too far away to report, px.
     fn smallest_disparity_px(&self, geometry: &RectifiedGeometry) -> f64 {
         let of_range =
-            self.max_range_m.map_or(0.0, |limit_m| geometry.focal_px * geometry.baseline_m / (1.5 * limit_m));
+            self.max_range_m.map_or(0.0, |limit_m| geometry.focal_px * geometry.baseline_m / limit_m);
         // At least a bin's width, so that no pixel of the last bin is beyond infinity.
         of_range.max(3.0 * self.disparity_sigma_px).max(0.5)
     }
