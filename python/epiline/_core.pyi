@@ -11,7 +11,40 @@ from numpy.typing import ArrayLike, NDArray
 
 from epiline._typing import Floats, Image, Path
 
-__all__: list[str]
+__all__ = [
+    "AlignmentError",
+    "CameraModel",
+    "DisparityMap",
+    "Error",
+    "FrameResult",
+    "Obstacle",
+    "Pipeline",
+    "RangeCurve",
+    "RangeImage",
+    "RectifiedGeometry",
+    "RectifiedPair",
+    "Rectifier",
+    "Region",
+    "RegionProfile",
+    "StereoCalibration",
+    "StereoMatcher",
+    "ViewResidual",
+    "__version__",
+    "alignment_error",
+    "calibrate_points",
+    "equalize",
+    "find_obstacles",
+    "fit_range_curve",
+    "gaussian_low_pass",
+    "grey",
+    "paper_regions",
+    "profile",
+    "read_kitti_projection",
+    "simd_level",
+    "to_range",
+    "tsai_calibrate",
+    "xsobel",
+]
 
 __version__: str
 
