@@ -18,7 +18,8 @@ impl Filler {
     /// Then a median over 3x3 pixels, the border repeated.
     pub fn fill(&mut self, map: &mut DisparityMap) {
         let height = map.height();
-        let Some(first) = (0..height).find(|&y| fill_row(map.values.row_mut(y), map.validity.row_mut(y))) else {
+        let Some(first) = (0..height).find(|&y| fill_row(map.values.row_mut(y), map.validity.row_mut(y)))
+        else {
             return;
         };
         for y in (0..first).rev() {

@@ -49,7 +49,9 @@ impl StereoMatcher {
             Method::Sgm => {
                 Buffers::SemiGlobal(Box::new((SemiGlobal::default(), Penalties::new(params.p1, params.p2))))
             }
-            Method::Sad if fits_u16(params.largest_difference(), params.block_size) => Buffers::U16(Vec::new()),
+            Method::Sad if fits_u16(params.largest_difference(), params.block_size) => {
+                Buffers::U16(Vec::new())
+            }
             Method::Sad => Buffers::U32(Vec::new()),
         };
         Ok(Self {

@@ -42,9 +42,7 @@ impl Preset {
                 speckle_size: 100,
                 ..MatcherParams::default()
             },
-            Self::Balanced => {
-                MatcherParams { paths: 3, uniqueness_ratio: 6, speckle_size: 200, ..sgm }
-            }
+            Self::Balanced => MatcherParams { paths: 3, uniqueness_ratio: 6, speckle_size: 200, ..sgm },
             Self::Accurate => MatcherParams { speckle_size: 400, ..sgm },
         }
     }

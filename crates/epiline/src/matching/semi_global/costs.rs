@@ -4,7 +4,9 @@ use std::ops::Range;
 
 use super::Frame;
 use crate::image::ImageRef;
-use crate::kernels::semi_global::features::{CENSUS_BYTES, CENSUS_RADIUS, CensusRow, Channel, ExtremesRow, PixelRow};
+use crate::kernels::semi_global::features::{
+    CENSUS_BYTES, CENSUS_RADIUS, CensusRow, Channel, ExtremesRow, PixelRow,
+};
 use crate::kernels::semi_global::{CostRow, NO_CANDIDATE, WindowRow};
 use crate::matching::aligned::AlignedVec;
 use crate::matching::params::Prefilter;

@@ -63,7 +63,7 @@ fn run_all(jobs: impl ExactSizeIterator<Item = impl FnOnce() + Send>) {
     if jobs.len() == 1 {
         jobs.for_each(|job| job());
     } else {
-        rayon::scope(|scope| jobs.for_each(|job| scope.spawn(move |_| job())));
+        rayon::in_place_scope(|scope| jobs.for_each(|job| scope.spawn(move |_| job())));
     }
 }
 

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::Frame;
+use crate::kernels::CostKernels;
 use crate::kernels::sad::Choice;
 use crate::kernels::select::SelectRow;
 use crate::kernels::semi_global::{HorizontalRow, SumRow, VerticalRow};
@@ -172,7 +173,7 @@ impl PathRows {
 
     fn select(&self, frame: &Frame<'_>, y: usize, values: &mut [u16], bits: &mut [u8]) {
         let params = frame.params;
-        frame.kernels.select(&mut SelectRow {
+        let row = &mut SelectRow {
             chosen: &self.chosen,
             rivals: &self.rivals,
             first_disparity: frame.first_disparity() as u16,
@@ -182,7 +183,9 @@ impl PathRows {
             not_unique: Validity::NOT_UNIQUE,
             values,
             bits,
-        });
+        };
+        u16::select(frame.kernels, row);
+        let SelectRow { bits, .. } = row;
         // Here no disparity asked for lies inside the right image, whatever has a source.
         bits[..params.min_disparity.min(frame.width())].fill(Validity::BORDER);
         if let Some(valid) = frame.left_valid {
