@@ -145,12 +145,16 @@ pub(in crate::kernels) fn find_nearby<C: Cost>(
 ) {
     let width = chosen.len();
     for (x, (choice, nearby)) in chosen.iter().zip(nearby).enumerate() {
-        let right = x + choice.lane.to_u32() as usize;
-        let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
-        *nearby = columns
-            .filter(|&column| column <= right && right - column < lanes)
-            .map(|column| costs[column * lanes + (right - column)])
-            .min()
-            .unwrap_or(C::BLOCKED);
+        let lane = choice.lane.to_u32() as usize;
+        // Lane `lane - j` of column `x + j`, as far as both exist.
+        let (to_left, to_right) = (reach.min(x).min(lanes - 1 - lane), reach.min(width - 1 - x).min(lane));
+        let cell = x * lanes + lane;
+        *nearby = costs[cell];
+        for j in 1..=to_left {
+            *nearby = (*nearby).min(costs[cell - j * (lanes - 1)]);
+        }
+        for j in 1..=to_right {
+            *nearby = (*nearby).min(costs[cell + j * (lanes - 1)]);
+        }
     }
 }

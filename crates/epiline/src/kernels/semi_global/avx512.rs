@@ -145,7 +145,7 @@ impl Bytes for U8x64 {
         // SAFETY: see above.
         unsafe {
             let is_255 = _mm512_cmpeq_epi8_mask(self.0, Self::splat(u8::MAX).0);
-            [is_255 as u32, (is_255 >> 32) as u32].map(|mask| U16x32(_mm512_movm_epi16(mask)))
+            [U16x32(_mm512_movm_epi16(is_255 as u32)), U16x32(_mm512_movm_epi16((is_255 >> 32) as u32))]
         }
     }
 
@@ -153,7 +153,7 @@ impl Bytes for U8x64 {
     unsafe fn narrow(words: [U16x32; 2]) -> Self {
         // SAFETY: see above.
         unsafe {
-            let [low, high] = words.map(|words| _mm512_cvtepi16_epi8(words.0));
+            let (low, high) = (_mm512_cvtepi16_epi8(words[0].0), _mm512_cvtepi16_epi8(words[1].0));
             Self(_mm512_inserti64x4::<1>(_mm512_castsi256_si512(low), high))
         }
     }

@@ -7,7 +7,8 @@
 //! 2. Both horizontal paths advance in one loop: each step waits for the smallest cost of the step before, and two
 //!    chains that do not know each other fill the wait.
 //! 3. Along a path the number of vectors is a constant, so that the pixel before stays in registers.
-//! 4. The right image's best sums are collected in registers that shift a lane per column, as in [`sad`](super::super::sad).
+//! 4. No vector passes through a closure: a closure is compiled without the instruction set, and not always inlined.
+//! 5. The right image's best sums are collected in registers that shift a lane per column, as in [`sad`](super::super::sad).
 
 use super::features::Channel;
 use super::{CostRow, HorizontalRow, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow, WindowRow};
@@ -79,9 +80,11 @@ impl<V: Bytes> Splat<V> {
     unsafe fn new(channel: Channel<'_>, x: usize) -> Self {
         // SAFETY: the caller's.
         unsafe {
-            let [value, low, high] =
-                [channel.value, channel.low, channel.high].map(|part| V::splat(*part.get_unchecked(x)));
-            Self { value, low, high }
+            Self {
+                value: V::splat(*channel.value.get_unchecked(x)),
+                low: V::splat(*channel.low.get_unchecked(x)),
+                high: V::splat(*channel.high.get_unchecked(x)),
+            }
         }
     }
 
@@ -91,8 +94,11 @@ impl<V: Bytes> Splat<V> {
     unsafe fn sampling_insensitive(&self, right: Channel<'_>, i: usize) -> V {
         // SAFETY: the caller's.
         unsafe {
-            let [value, low, high] =
-                [right.value, right.low, right.high].map(|part| V::load(part.as_ptr().add(i)));
+            let (value, low, high) = (
+                V::load(right.value.as_ptr().add(i)),
+                V::load(right.low.as_ptr().add(i)),
+                V::load(right.high.as_ptr().add(i)),
+            );
             outside(self.value, low, high).min(outside(value, self.low, self.high))
         }
     }
@@ -110,7 +116,9 @@ pub(super) unsafe fn cost_row<V: Bytes>(row: &mut CostRow<'_>) {
         for x in 0..left.grey.value.len() {
             let filtered = Splat::<V>::new(left.filtered, x);
             let grey = Splat::<V>::new(left.grey, x);
-            let census = left.census.map(|plane| V::splat(*plane.get_unchecked(x)));
+            let [a, b, c] = left.census;
+            let census =
+                [V::splat(*a.get_unchecked(x)), V::splat(*b.get_unchecked(x)), V::splat(*c.get_unchecked(x))];
             for k in (0..row.lanes).step_by(V::COUNT) {
                 let mut entering = filtered
                     .sampling_insensitive(right.filtered, x + k)
@@ -130,6 +138,19 @@ pub(super) unsafe fn cost_row<V: Bytes>(row: &mut CostRow<'_>) {
     }
 }
 
+/// Column sums from a cell on.
+///
+/// # Safety
+/// As [`Bytes`]; `V::COUNT` cells from it.
+#[inline(always)]
+unsafe fn words<V: Bytes>(row: &WindowRow<'_>, cell: usize) -> [V::Words; 2] {
+    // SAFETY: the caller's.
+    unsafe {
+        let from = row.column_sums.as_ptr().add(cell);
+        [V::Words::load(from), V::Words::load(from.add(V::Words::COUNT))]
+    }
+}
+
 /// See [`WindowRow`].
 ///
 /// # Safety
@@ -143,23 +164,23 @@ pub(super) unsafe fn window_row<V: Bytes>(row: &mut WindowRow<'_>) {
         let reciprocal = V::Words::splat(row.reciprocal());
         let largest = V::Words::splat(LARGEST_COST.into());
         for k in (0..lanes).step_by(V::COUNT) {
-            let column = |x: usize| {
-                let from = row.column_sums.as_ptr().add(x * lanes + k);
-                [V::Words::load(from), V::Words::load(from.add(V::Words::COUNT))]
-            };
             let blocked_lanes = V::load(row.blocked_lanes.as_ptr().add(k));
             let mut sums = [V::Words::splat(0); 2];
             for i in 0..=2 * radius {
-                let entering = column(i.saturating_sub(radius).min(last));
-                sums = [0, 1].map(|half| sums[half].add(entering[half]));
+                let [low, high] = words::<V>(row, i.saturating_sub(radius).min(last) * lanes + k);
+                sums = [sums[0].add(low), sums[1].add(high)];
             }
             for x in 0..width {
                 if x > 0 {
-                    let (entering, leaving) =
-                        (column((x + radius).min(last)), column(x.saturating_sub(radius + 1)));
-                    sums = [0, 1].map(|half| sums[half].add(entering[half]).sub(leaving[half]));
+                    let entering = words::<V>(row, (x + radius).min(last) * lanes + k);
+                    let leaving = words::<V>(row, x.saturating_sub(radius + 1) * lanes + k);
+                    sums =
+                        [sums[0].add(entering[0]).sub(leaving[0]), sums[1].add(entering[1]).sub(leaving[1])];
                 }
-                let mean = V::narrow(sums.map(|sum| V::high_product(sum, reciprocal).min(largest)));
+                let mean = V::narrow([
+                    V::high_product(sums[0], reciprocal).min(largest),
+                    V::high_product(sums[1], reciprocal).min(largest),
+                ]);
                 let blocked = V::splat(*row.blocked_left.get_unchecked(x))
                     .or(V::load(row.blocked_right.as_ptr().add(x + k)))
                     .or(blocked_lanes);
@@ -295,20 +316,27 @@ pub(super) unsafe fn sum_row<V: Bytes, const N: usize, const LEFT_RIGHT: bool>(r
                 }
             }
             let best = smallest.splat_min();
-            let equal = |i: usize| V::Words::equal_bits(sums[i], best);
-            let lane = first_lane::<V, N>(equal);
+            let mut lane = 0;
+            for i in (0..N).rev() {
+                let equal = V::Words::equal_bits(sums[i], best);
+                lane = if equal != 0 { i * V::COUNT + equal.trailing_zeros() as usize } else { lane };
+            }
             // Its surroundings are read once the row is complete.
             row.chosen.get_unchecked_mut(x).lane = lane as u16;
             if row.uniqueness_ratio > 0 {
                 let limit =
                     rival_limit(best.first().into(), row.uniqueness_ratio).min(u32::from(u16::MAX) - 1);
                 let limit = V::Words::splat(limit as u16);
-                let count: u32 = sums.iter().map(|&pair| V::Words::count_at_most(pair, limit)).sum();
+                let mut count = 0;
+                for pair in sums {
+                    count += V::Words::count_at_most(pair, limit);
+                }
                 *row.rivals.get_unchecked_mut(x) = count as u16;
             }
             if LEFT_RIGHT {
                 for i in 0..N {
-                    right_best[i] = [0, 1].map(|half| right_best[i][half].min(sums[i][half]));
+                    let [low, high] = right_best[i];
+                    right_best[i] = [low.min(sums[i][0]), high.min(sums[i][1])];
                 }
                 *row.right_best.get_unchecked_mut(x) = right_best[0][0].first();
                 for i in 0..N {
@@ -339,32 +367,22 @@ pub(super) unsafe fn sum_row<V: Bytes, const N: usize, const LEFT_RIGHT: bool>(r
     }
 }
 
-/// The number of the first bit, `N` times `V::COUNT` of them.
-#[inline(always)]
-fn first_lane<V: Bytes, const N: usize>(bits: impl Fn(usize) -> u64) -> usize {
-    let mut lane = 0;
-    for i in (0..N).rev() {
-        let here = bits(i);
-        lane = if here != 0 { i * V::COUNT + here.trailing_zeros() as usize } else { lane };
-    }
-    lane
-}
-
-/// Calls the instance of a path kernel for the row's lanes.
+/// Calls the instance of a path kernel for the row's lanes. Each is a function of its own: inlined into one, they compete
+/// for its registers.
 macro_rules! dispatch {
-    ($kernel:ident, $row:ident, $vector:ty $(, $flag:literal)?) => {
+    ($instance:ident, $row:ident, $count:expr $(, $flag:literal)?) => {
         // SAFETY: the enclosing function has the instructions; its caller vouches for the row; the match chooses the
         // instance.
         unsafe {
-            match $row.lanes / <$vector as vector::Bytes>::COUNT {
-                1 => vector::$kernel::<$vector, 1 $(, $flag)?>($row),
-                2 => vector::$kernel::<$vector, 2 $(, $flag)?>($row),
-                3 => vector::$kernel::<$vector, 3 $(, $flag)?>($row),
-                4 => vector::$kernel::<$vector, 4 $(, $flag)?>($row),
-                6 => vector::$kernel::<$vector, 6 $(, $flag)?>($row),
-                8 => vector::$kernel::<$vector, 8 $(, $flag)?>($row),
-                16 => vector::$kernel::<$vector, 16 $(, $flag)?>($row),
-                32 => vector::$kernel::<$vector, 32 $(, $flag)?>($row),
+            match $row.lanes / $count {
+                1 => $instance::<1 $(, $flag)?>($row),
+                2 => $instance::<2 $(, $flag)?>($row),
+                3 => $instance::<3 $(, $flag)?>($row),
+                4 => $instance::<4 $(, $flag)?>($row),
+                6 => $instance::<6 $(, $flag)?>($row),
+                8 => $instance::<8 $(, $flag)?>($row),
+                16 => $instance::<16 $(, $flag)?>($row),
+                32 => $instance::<32 $(, $flag)?>($row),
                 vectors => unreachable!("padded_lanes gives no {vectors} vectors"),
             }
         }
@@ -395,13 +413,29 @@ macro_rules! entries {
             unsafe { vector::window_row::<$vector>(row) }
         }
 
+        /// # Safety
+        /// As that of the vectors' kernel.
+        #[target_feature(enable = $features)]
+        unsafe fn horizontal_instance<const N: usize>(row: &mut HorizontalRow<'_>) {
+            // SAFETY: the caller's.
+            unsafe { vector::horizontal_row::<$vector, N>(row) }
+        }
+
         /// See [`HorizontalRow`].
         ///
         /// # Safety
         /// As above.
         #[target_feature(enable = $features)]
         pub unsafe fn horizontal_row(row: &mut HorizontalRow<'_>) {
-            vector::dispatch!(horizontal_row, row, $vector);
+            vector::dispatch!(horizontal_instance, row, <$vector as Bytes>::COUNT);
+        }
+
+        /// # Safety
+        /// As that of the vectors' kernel.
+        #[target_feature(enable = $features)]
+        unsafe fn vertical_instance<const N: usize>(row: &mut VerticalRow<'_>) {
+            // SAFETY: the caller's.
+            unsafe { vector::vertical_row::<$vector, N>(row) }
         }
 
         /// See [`VerticalRow`].
@@ -410,7 +444,15 @@ macro_rules! entries {
         /// As above.
         #[target_feature(enable = $features)]
         pub unsafe fn vertical_row(row: &mut VerticalRow<'_>) {
-            vector::dispatch!(vertical_row, row, $vector);
+            vector::dispatch!(vertical_instance, row, <$vector as Bytes>::COUNT);
+        }
+
+        /// # Safety
+        /// As that of the vectors' kernel.
+        #[target_feature(enable = $features)]
+        unsafe fn sum_instance<const N: usize, const LEFT_RIGHT: bool>(row: &mut SumRow<'_>) {
+            // SAFETY: the caller's.
+            unsafe { vector::sum_row::<$vector, N, LEFT_RIGHT>(row) }
         }
 
         /// See [`SumRow`].
@@ -420,9 +462,9 @@ macro_rules! entries {
         #[target_feature(enable = $features)]
         pub unsafe fn sum_row(row: &mut SumRow<'_>) {
             if row.left_right_reach.is_some() {
-                vector::dispatch!(sum_row, row, $vector, true);
+                vector::dispatch!(sum_instance, row, <$vector as Bytes>::COUNT, true);
             } else {
-                vector::dispatch!(sum_row, row, $vector, false);
+                vector::dispatch!(sum_instance, row, <$vector as Bytes>::COUNT, false);
             }
         }
     };
