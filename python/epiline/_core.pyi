@@ -260,19 +260,24 @@ class StereoMatcher:
     def __new__(
         cls,
         *,
-        method: Literal["sad"] = "sad",
+        preset: Literal["fast", "balanced", "accurate"] | None = None,
+        method: Literal["sad", "sgm"] = "sad",
         num_disparities: int = 64,
-        block_size: int = 15,
+        block_size: int = ...,
         min_disparity: int = 0,
         threads: int | None = None,
         prefilter: Literal["xsobel", "none"] | None = ...,
-        prefilter_cap: int = 31,
+        prefilter_cap: int = ...,
         uniqueness_ratio: int = 0,
         texture_threshold: int = 0,
         left_right_max_diff: int | None = None,
         speckle_size: int = 0,
         speckle_range: int = 2,
         subpixel: bool = True,
+        fill: bool = False,
+        paths: int = 4,
+        p1: int = 48,
+        p2: int = 127,
     ) -> StereoMatcher: ...
     @property
     def parameters(self) -> dict[str, Any]: ...

@@ -78,6 +78,6 @@ def match(left: Image, right: Image, **parameters: Any) -> DisparityMap:
 
     Notes
     -----
-    Sum of absolute differences, equation 5 of the 2011 paper.
+    Sum of absolute differences, equation 5 of the 2011 paper, unless `method` or `preset` says otherwise.
     """
     return StereoMatcher(**parameters)(left, right)

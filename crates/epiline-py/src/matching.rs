@@ -3,9 +3,9 @@
 use std::sync::{Mutex, PoisonError};
 
 use epiline::image::Image;
-use epiline::matching::{DisparityMap, MatcherParams, Method, Prefilter, StereoMatcher};
+use epiline::matching::{DisparityMap, MatcherParams, Method, Prefilter, Preset, StereoMatcher};
 use numpy::PyArray2;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -134,20 +134,110 @@ fn whole<T: TryFrom<i64>>(name: &'static str, value: i64) -> PyResult<T> {
     })
 }
 
+fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Sad => "sad",
+        Method::Sgm => "sgm",
+    }
+}
+
+fn method_named(name: &str) -> PyResult<Method> {
+    [Method::Sad, Method::Sgm]
+        .into_iter()
+        .find(|&method| method_name(method) == name)
+        .ok_or_else(|| PyValueError::new_err(format!("method = '{name}': must be 'sad' or 'sgm'")))
+}
+
+fn preset_named(name: &str) -> PyResult<Preset> {
+    Preset::ALL.into_iter().find(|preset| preset.name() == name).ok_or_else(|| {
+        let expected = "must be 'fast', 'balanced' or 'accurate'";
+        PyValueError::new_err(format!("preset = '{name}': {expected}"))
+    })
+}
+
+/// Parameters by name: those given change the preset's, or the method's defaults.
+fn params_from(given: Option<&Bound<'_, PyDict>>) -> PyResult<MatcherParams> {
+    let Some(given) = given else {
+        return Ok(MatcherParams::default());
+    };
+    let text = |name: &str| -> PyResult<Option<String>> {
+        given.get_item(name)?.filter(|value| !value.is_none()).map(|value| value.extract()).transpose()
+    };
+    let method = text("method")?.as_deref().map(method_named).transpose()?;
+    let mut params = match text("preset")? {
+        Some(preset) => preset_named(&preset)?.params(),
+        None => MatcherParams::for_method(method.unwrap_or_default()),
+    };
+    params.method = method.unwrap_or(params.method);
+    for (name, value) in given {
+        set(&mut params, &name.extract::<String>()?, &value)?;
+    }
+    Ok(params)
+}
+
+/// Sets one parameter.
+fn set(params: &mut MatcherParams, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn count<T: TryFrom<i64>>(name: &'static str, value: &Bound<'_, PyAny>) -> PyResult<T> {
+        whole(name, value.extract()?)
+    }
+    fn optional<T: TryFrom<i64>>(name: &'static str, value: &Bound<'_, PyAny>) -> PyResult<Option<T>> {
+        value.extract::<Option<i64>>()?.map(|value| whole(name, value)).transpose()
+    }
+    match name {
+        "preset" | "method" => {}
+        "num_disparities" => params.num_disparities = count("num_disparities", value)?,
+        "min_disparity" => params.min_disparity = count("min_disparity", value)?,
+        "block_size" => params.block_size = count("block_size", value)?,
+        "threads" => params.threads = optional("threads", value)?,
+        "prefilter" => params.prefilter = prefilter_named(value.extract::<Option<String>>()?.as_deref())?,
+        "prefilter_cap" => params.prefilter_cap = count("prefilter_cap", value)?,
+        "uniqueness_ratio" => params.uniqueness_ratio = count("uniqueness_ratio", value)?,
+        "texture_threshold" => params.texture_threshold = count("texture_threshold", value)?,
+        "left_right_max_diff" => params.left_right_max_diff = optional("left_right_max_diff", value)?,
+        "speckle_size" => params.speckle_size = count("speckle_size", value)?,
+        "speckle_range" => params.speckle_range = count("speckle_range", value)?,
+        "subpixel" => params.subpixel = value.extract()?,
+        "fill" => params.fill = value.extract()?,
+        "paths" => params.paths = count("paths", value)?,
+        "p1" => params.p1 = count("p1", value)?,
+        "p2" => params.p2 = count("p2", value)?,
+        unknown => {
+            let message = format!("StereoMatcher() got an unexpected keyword argument '{unknown}'");
+            return Err(PyTypeError::new_err(message));
+        }
+    }
+    Ok(())
+}
+
+fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
+    match name {
+        Some("xsobel") => Ok(Prefilter::XSobel),
+        Some("none") | None => Ok(Prefilter::None),
+        Some(other) => {
+            let message = format!("prefilter = '{other}': must be 'xsobel', 'none' or None");
+            Err(PyValueError::new_err(message))
+        }
+    }
+}
+
 /// Matches aligned pairs; keeps its buffers from call to call.
 ///
-/// Sum of absolute differences over a square window, equation 5 of the 2011 paper; the window is clamped to the image
-/// and a pixel near the left edge has fewer candidates, not none. Of equal costs the larger disparity wins, as in
-/// OpenCV. The result depends neither on `threads` nor on the instruction set.
+/// `method="sad"`: sum of absolute differences over a square window, equation 5 of the 2011 paper. `method="sgm"`:
+/// semi-global matching (Hirschmueller 2008) on the differences of Birchfield and Tomasi and the census. In either, the
+/// window is clamped to the image and a pixel near the left edge has fewer candidates, not none. Of equal costs the larger
+/// disparity wins, as in OpenCV. The result depends neither on `threads` nor on the instruction set.
 ///
 /// Parameters
 /// ----------
-/// method : {"sad"}
-///     The cost.
+/// preset : {"fast", "balanced", "accurate"}, optional
+///     A measured combination of the parameters below, but for the range of disparities; those given change it. "fast"
+///     is sad, "balanced" and "accurate" are sgm, each with its tests.
+/// method : {"sad", "sgm"}
+///     How pixels are matched.
 /// num_disparities : int
 ///     How many whole disparities to search, 1 to 1024: at least focal length x baseline / nearest depth.
 /// block_size : int
-///     Side of the window, odd, 1 to 31 px.
+///     Side of the window, odd, 1 to 31 px for sad (15 if not given), 1 to 15 px for sgm (3 if not given).
 /// min_disparity : int
 ///     Smallest disparity, px. With num_disparities not more than the image's width.
 /// threads : int, optional
@@ -155,7 +245,7 @@ fn whole<T: TryFrom<i64>>(name: &'static str, value: i64) -> PyResult<T> {
 /// prefilter : {"xsobel", "none"} or None
 ///     "xsobel" is insensitive to exposure; none compares grey values, as the paper does.
 /// prefilter_cap : int
-///     Derivatives are clipped to plus or minus this, 1 to 63 grey levels.
+///     Derivatives are clipped to plus or minus this, 1 to 63 grey levels; 31 for sad, 15 for sgm if not given.
 /// uniqueness_ratio : int
 ///     Reject unless candidates beyond the best and its neighbours cost this many percent more; 0 is off.
 /// texture_threshold : int
@@ -168,6 +258,15 @@ fn whole<T: TryFrom<i64>>(name: &'static str, value: i64) -> PyResult<T> {
 ///     Neighbours within this many px hang together.
 /// subpixel : bool
 ///     Refine to 1/16 px.
+/// fill : bool
+///     Answer everywhere: what has no value takes the smaller of its row's nearest values, marked as filled; then a 3x3
+///     median.
+/// paths : {3, 4}
+///     sgm: from the left, the right and above; 4: from below too, which needs 2 x width x height x num_disparities bytes.
+/// p1 : int
+///     sgm: penalty for steps of one disparity, 0 to 127.
+/// p2 : int
+///     sgm: penalty for larger steps between equal grey values, p1 to 127; it falls where grey values differ.
 ///
 /// Raises
 /// ------
@@ -189,12 +288,7 @@ impl PyStereoMatcher {
 /// Every parameter of a matcher, by the name Python gives it with.
 pub fn parameters_dict<'py>(py: Python<'py>, params: &MatcherParams) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
-    dict.set_item(
-        "method",
-        match params.method {
-            Method::Sad => "sad",
-        },
-    )?;
+    dict.set_item("method", method_name(params.method))?;
     dict.set_item("num_disparities", params.num_disparities)?;
     dict.set_item("block_size", params.block_size)?;
     dict.set_item("min_disparity", params.min_disparity)?;
@@ -211,62 +305,22 @@ pub fn parameters_dict<'py>(py: Python<'py>, params: &MatcherParams) -> PyResult
     dict.set_item("speckle_size", params.speckle_size)?;
     dict.set_item("speckle_range", params.speckle_range)?;
     dict.set_item("subpixel", params.subpixel)?;
+    dict.set_item("fill", params.fill)?;
+    dict.set_item("paths", params.paths)?;
+    dict.set_item("p1", params.p1)?;
+    dict.set_item("p2", params.p2)?;
     Ok(dict)
 }
 
 #[pymethods]
 impl PyStereoMatcher {
     #[new]
-    #[pyo3(signature = (
-        *, method = "sad", num_disparities = 64, block_size = 15, min_disparity = 0, threads = None,
-        prefilter = Some("xsobel"), prefilter_cap = 31, uniqueness_ratio = 0, texture_threshold = 0,
-        left_right_max_diff = None, speckle_size = 0, speckle_range = 2, subpixel = true
-    ))]
-    #[allow(clippy::too_many_arguments)]
-    fn new(
-        method: &str,
-        num_disparities: i64,
-        block_size: i64,
-        min_disparity: i64,
-        threads: Option<i64>,
-        prefilter: Option<&str>,
-        prefilter_cap: i64,
-        uniqueness_ratio: i64,
-        texture_threshold: i64,
-        left_right_max_diff: Option<i64>,
-        speckle_size: i64,
-        speckle_range: i64,
-        subpixel: bool,
-    ) -> PyResult<Self> {
-        let method = match method {
-            "sad" => Method::Sad,
-            other => return Err(PyValueError::new_err(format!("method = '{other}': must be 'sad'"))),
-        };
-        let prefilter = match prefilter {
-            Some("xsobel") => Prefilter::XSobel,
-            Some("none") | None => Prefilter::None,
-            Some(other) => {
-                let message = format!("prefilter = '{other}': must be 'xsobel', 'none' or None");
-                return Err(PyValueError::new_err(message));
-            }
-        };
-        let params = MatcherParams {
-            method,
-            num_disparities: whole("num_disparities", num_disparities)?,
-            min_disparity: whole("min_disparity", min_disparity)?,
-            block_size: whole("block_size", block_size)?,
-            prefilter,
-            prefilter_cap: whole("prefilter_cap", prefilter_cap)?,
-            uniqueness_ratio: whole("uniqueness_ratio", uniqueness_ratio)?,
-            texture_threshold: whole("texture_threshold", texture_threshold)?,
-            left_right_max_diff: left_right_max_diff
-                .map(|px| whole("left_right_max_diff", px))
-                .transpose()?,
-            speckle_size: whole("speckle_size", speckle_size)?,
-            speckle_range: whole("speckle_range", speckle_range)?,
-            subpixel,
-            threads: threads.map(|count| whole("threads", count)).transpose()?,
-        };
+    #[pyo3(signature = (**parameters), text_signature = "(*, preset=None, method='sad', num_disparities=64, \
+        block_size=..., min_disparity=0, threads=None, prefilter='xsobel', prefilter_cap=..., uniqueness_ratio=0, \
+        texture_threshold=0, left_right_max_diff=None, speckle_size=0, speckle_range=2, subpixel=True, fill=False, \
+        paths=4, p1=48, p2=127)")]
+    fn new(parameters: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let params = params_from(parameters)?;
         Ok(Self { params, inner: Mutex::new(StereoMatcher::new(params).or_raise()?) })
     }
 

@@ -6,12 +6,15 @@
 mod level;
 pub mod sad;
 pub mod select;
+pub mod semi_global;
 pub mod xsobel;
 
 pub use level::{Level, simd_level};
 
 use sad::{AddRow, RowShape, SadRow};
 use select::SelectRow;
+use semi_global::features::{CensusRow, ExtremesRow};
+use semi_global::{CostRow, HorizontalRow, SumRow, VerticalRow, WindowRow};
 use xsobel::XSobelRow;
 
 /// Compiles a portable body once per instruction set: the optimiser vectorises each copy with what the set has.
@@ -68,6 +71,13 @@ pub struct Kernels {
     select_u16: kernel!(SelectRow, u16),
     select_u32: kernel!(SelectRow, u32),
     xsobel: kernel!(XSobelRow),
+    extremes: kernel!(ExtremesRow),
+    census: kernel!(CensusRow),
+    cost: kernel!(CostRow),
+    window: kernel!(WindowRow),
+    horizontal: kernel!(HorizontalRow),
+    vertical: kernel!(VerticalRow),
+    sum: kernel!(SumRow),
 }
 
 impl Kernels {
@@ -85,6 +95,13 @@ impl Kernels {
             select_u16: select::narrow,
             select_u32: select::wide,
             xsobel: xsobel::xsobel_row,
+            extremes: semi_global::features::extremes,
+            census: semi_global::features::census,
+            cost: semi_global::reference::cost_row,
+            window: semi_global::reference::window_row,
+            horizontal: semi_global::reference::horizontal_row,
+            vertical: semi_global::reference::vertical_row,
+            sum: semi_global::reference::sum_row,
         };
         #[cfg(target_arch = "x86_64")]
         {
@@ -99,6 +116,13 @@ impl Kernels {
                     select_u16: select::select_u16::avx512,
                     select_u32: select::select_u32::avx512,
                     xsobel: xsobel::row::avx512,
+                    extremes: semi_global::features::extremes_row::avx512,
+                    census: semi_global::features::census_row::avx512,
+                    cost: semi_global::avx512::cost_row,
+                    window: semi_global::avx512::window_row,
+                    horizontal: semi_global::avx512::horizontal_row,
+                    vertical: semi_global::avx512::vertical_row,
+                    sum: semi_global::avx512::sum_row,
                     ..kernels
                 };
             }
@@ -113,6 +137,13 @@ impl Kernels {
                     select_u16: select::select_u16::avx2,
                     select_u32: select::select_u32::avx2,
                     xsobel: xsobel::row::avx2,
+                    extremes: semi_global::features::extremes_row::avx2,
+                    census: semi_global::features::census_row::avx2,
+                    cost: semi_global::avx2::cost_row,
+                    window: semi_global::avx2::window_row,
+                    horizontal: semi_global::avx2::horizontal_row,
+                    vertical: semi_global::avx2::vertical_row,
+                    sum: semi_global::avx2::sum_row,
                     ..kernels
                 };
             }
@@ -138,6 +169,85 @@ impl Kernels {
         row.check();
         // SAFETY: the table was made from a level, which exists only where the processor has its instructions.
         unsafe { (self.xsobel)(row) }
+    }
+
+    /// Extremes of a row within half a pixel.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands.
+    pub fn extremes(&self, row: &mut ExtremesRow<'_>) {
+        row.check();
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.extremes)(row) }
+    }
+
+    /// The census of a row.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands.
+    pub fn census(&self, row: &mut CensusRow<'_>) {
+        row.check();
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.census)(row) }
+    }
+
+    /// Pixel costs of a row, and their sums per column.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn cost(&self, row: &mut CostRow<'_>) {
+        row.check();
+        self.check_lanes(row.lanes);
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.cost)(row) }
+    }
+
+    /// Matching costs of a row.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn window(&self, row: &mut WindowRow<'_>) {
+        row.check();
+        self.check_lanes(row.lanes);
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.window)(row) }
+    }
+
+    /// Both horizontal paths through a row.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn horizontal(&self, row: &mut HorizontalRow<'_>) {
+        row.check();
+        self.check_lanes(row.lanes);
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.horizontal)(row) }
+    }
+
+    /// One step of vertical paths.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn vertical(&self, row: &mut VerticalRow<'_>) {
+        row.check();
+        self.check_lanes(row.lanes);
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.vertical)(row) }
+    }
+
+    /// Sums over the paths and the best candidates of a row.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn sum(&self, row: &mut SumRow<'_>) {
+        row.check();
+        self.check_lanes(row.lanes);
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.sum)(row) }
+    }
+
+    fn check_lanes(&self, lanes: usize) {
+        assert!(sad::padded_lanes(lanes, self.lane_block) == lanes, "{lanes} lanes");
     }
 }
 

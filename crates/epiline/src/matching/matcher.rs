@@ -1,8 +1,10 @@
 //! The matcher: one call per frame, every buffer kept.
 
+use super::fill::Filler;
 use super::map::DisparityMap;
-use super::params::MatcherParams;
+use super::params::{MatcherParams, Method};
 use super::prepared::PreparedPair;
+use super::semi_global::{self, Penalties, SemiGlobal};
 use super::speckle::SpeckleFilter;
 use super::stripe::{Frame, Stripe};
 use super::threads::{stripes, thread_count};
@@ -11,7 +13,7 @@ use crate::image::ImageRef;
 use crate::kernels::sad::fits_u16;
 use crate::kernels::{CostKernels, Kernels, Level};
 
-/// Window matching of aligned pairs (eq. 5 of the paper), with the tests of [`MatcherParams`].
+/// Dense matching of aligned pairs by the [`Method`] of [`MatcherParams`], with their tests.
 ///
 /// Keeps its buffers: once it has seen a frame of some size, further ones allocate nothing on a single thread. The
 /// result depends neither on the number of threads nor on the instruction set.
@@ -21,15 +23,17 @@ pub struct StereoMatcher {
     kernels: Kernels,
     threads: usize,
     pair: PreparedPair,
-    stripes: Stripes,
+    buffers: Buffers,
     speckle: SpeckleFilter,
+    filler: Filler,
 }
 
-/// Buffers for costs as wide as the parameters need.
+/// Buffers for what the parameters need: window sums of one width, or paths.
 #[derive(Debug)]
-enum Stripes {
+enum Buffers {
     U16(Vec<Stripe<u16>>),
     U32(Vec<Stripe<u32>>),
+    SemiGlobal(Box<(SemiGlobal, Penalties)>),
 }
 
 impl StereoMatcher {
@@ -41,18 +45,23 @@ impl StereoMatcher {
     /// A matcher that uses the kernels of `level`.
     pub fn with_level(params: MatcherParams, level: Level) -> Result<Self> {
         params.validate()?;
-        let stripes = if fits_u16(params.largest_difference(), params.block_size) {
-            Stripes::U16(Vec::new())
-        } else {
-            Stripes::U32(Vec::new())
+        let buffers = match params.method {
+            Method::Sgm => {
+                Buffers::SemiGlobal(Box::new((SemiGlobal::default(), Penalties::new(params.p1, params.p2))))
+            }
+            Method::Sad if fits_u16(params.largest_difference(), params.block_size) => {
+                Buffers::U16(Vec::new())
+            }
+            Method::Sad => Buffers::U32(Vec::new()),
         };
         Ok(Self {
             params,
             kernels: Kernels::new(level),
             threads: thread_count(params.threads)?,
             pair: PreparedPair::default(),
-            stripes,
+            buffers,
             speckle: SpeckleFilter::default(),
+            filler: Filler::default(),
         })
     }
 
@@ -85,19 +94,30 @@ impl StereoMatcher {
     ) -> Result<()> {
         require_sizes(left, right, left_valid, right_valid)?;
         self.params.require_width(left.width())?;
-        let Self { params, kernels, threads, pair, stripes, speckle } = self;
-        let lanes = kernels.lanes(params.num_disparities);
-        pair.prepare(kernels, params, lanes, left, right, *threads);
+        let Self { params, kernels, threads, pair, buffers, speckle, filler } = self;
         out.resize(left.width(), left.height());
         out.min_disparity = params.min_disparity;
         out.num_disparities = params.num_disparities;
+        if let Buffers::U16(_) | Buffers::U32(_) = buffers {
+            let lanes = kernels.lanes(params.num_disparities);
+            pair.prepare(kernels, params, lanes, left, right, *threads);
+        }
         let frame = Frame { kernels, params, pair, left_valid, right_valid };
-        match stripes {
-            Stripes::U16(stripes) => compute_stripes(stripes, &frame, *threads, out),
-            Stripes::U32(stripes) => compute_stripes(stripes, &frame, *threads, out),
+        match buffers {
+            Buffers::U16(stripes) => compute_stripes(stripes, &frame, *threads, out),
+            Buffers::U32(stripes) => compute_stripes(stripes, &frame, *threads, out),
+            Buffers::SemiGlobal(buffers) => {
+                let (buffers, penalties) = &mut **buffers;
+                let frame =
+                    semi_global::Frame { kernels, params, penalties, left, right, left_valid, right_valid };
+                buffers.compute(&frame, *threads, out);
+            }
         }
         if params.speckle_size > 0 {
             speckle.mark(out, params.speckle_size, params.speckle_range);
+        }
+        if params.fill {
+            filler.fill(out);
         }
         Ok(())
     }

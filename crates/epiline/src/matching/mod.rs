@@ -9,11 +9,14 @@
 
 mod aligned;
 pub mod brute_force;
+mod fill;
 mod left_right;
 mod map;
 mod matcher;
 mod params;
 mod prepared;
+mod presets;
+mod semi_global;
 mod speckle;
 mod stripe;
 mod texture;
@@ -22,3 +25,4 @@ mod threads;
 pub use map::{DisparityMap, Validity};
 pub use matcher::StereoMatcher;
 pub use params::{MatcherParams, Method, Prefilter};
+pub use presets::Preset;

@@ -1,13 +1,17 @@
 //! What a user can choose about matching: meaning, legal range, default, and what to try.
 
 use crate::error::{Error, Result};
+use crate::kernels::semi_global::{LARGEST_PENALTY, MAX_BLOCK_SIZE};
 
-/// How a pixel's cost is formed.
+/// How pixels are matched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
     /// Sum of absolute differences over a square window (eq. 5 of the paper).
     #[default]
     Sad,
+    /// Semi-global matching (Hirschmüller, PAMI 2008) on sampling-insensitive differences and the census: slower, but it
+    /// reaches across surfaces without texture and keeps to the edges of objects.
+    Sgm,
 }
 
 /// What is done to both images before they are compared.
@@ -23,14 +27,15 @@ pub enum Prefilter {
 /// Parameters of a [`StereoMatcher`](super::StereoMatcher).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatcherParams {
-    /// Cost.
+    /// How pixels are matched.
     pub method: Method,
     /// How many whole-pixel disparities to search, 1 to 1024. Must cover the nearest obstacle: `f·b / Z_near`.
     pub num_disparities: usize,
     /// Smallest disparity to search, px, 0 to 4095 - `num_disparities`. Above zero, far things are not seen. Together
     /// with `num_disparities` it must not exceed the images' width.
     pub min_disparity: usize,
-    /// Side of the window, odd, 1 to 31 px. Larger is smoother and fattens edges. Try 9 on sharp, 15 on noisy images.
+    /// Side of the window, odd, 1 to 31 px (15 for [`Method::Sgm`]). Larger is smoother and fattens edges. Try 9 on
+    /// sharp, 15 on noisy images; 3 or 5 for [`Method::Sgm`].
     pub block_size: usize,
     /// Applied to both images.
     pub prefilter: Prefilter,
@@ -52,6 +57,17 @@ pub struct MatcherParams {
     pub speckle_range: u16,
     /// Refine to 1/16 px from the costs of both neighbours.
     pub subpixel: bool,
+    /// Answer everywhere: pixels that have no value, or were rejected, take the smaller of their row's nearest values and
+    /// become [`FILLED`](super::Validity::FILLED); then a 3x3 median.
+    pub fill: bool,
+    /// [`Method::Sgm`]: how many paths meet in a pixel. 3: from the left, the right and above; 4: from below too, which
+    /// needs `2·width·height·num_disparities` bytes.
+    pub paths: usize,
+    /// [`Method::Sgm`]: penalty for steps of one disparity, 0 to 127 grey levels. Larger is smoother.
+    pub p1: u8,
+    /// [`Method::Sgm`]: penalty for larger steps between equal grey values, [`p1`](Self::p1) to 127 grey levels. Where
+    /// grey values differ it falls toward `p1`.
+    pub p2: u8,
     /// Threads; `None` is all cores, and `EPILINE_THREADS` caps either. The result does not depend on it.
     pub threads: Option<usize>,
 }
@@ -71,6 +87,10 @@ impl Default for MatcherParams {
             speckle_size: 0,
             speckle_range: 2,
             subpixel: true,
+            fill: false,
+            paths: 4,
+            p1: 48,
+            p2: 127,
             threads: None,
         }
     }
@@ -84,6 +104,14 @@ impl MatcherParams {
     /// Disparities are stored in sixteenths in 16 bits, so none reaches 4096.
     pub const MAX_DISPARITY: usize = 4095;
 
+    /// The defaults of a method.
+    pub fn for_method(method: Method) -> Self {
+        match method {
+            Method::Sad => Self::default(),
+            Method::Sgm => Self { method, block_size: 3, prefilter_cap: 15, ..Self::default() },
+        }
+    }
+
     /// Half the window: its side is `2 * radius + 1`.
     pub(super) fn radius(&self) -> usize {
         self.block_size / 2
@@ -95,6 +123,11 @@ impl MatcherParams {
             Prefilter::None => u8::MAX,
             Prefilter::XSobel => 2 * self.prefilter_cap,
         }
+    }
+
+    /// How far the left–right test looks, if it can reject anything: a reach over all disparities accepts everything.
+    pub(super) fn left_right_reach(&self) -> Option<usize> {
+        self.left_right_max_diff.map(usize::from).filter(|&reach| reach + 1 < self.num_disparities)
     }
 
     /// Fails unless the right image has room for every disparity.
@@ -148,6 +181,9 @@ impl MatcherParams {
                 format!("must be odd, 1 to {} px", Self::MAX_BLOCK_SIZE),
             ));
         }
+        if self.method == Method::Sgm {
+            self.validate_sgm()?;
+        }
         if !(1..=63).contains(&self.prefilter_cap) {
             return Err(Error::invalid("prefilter_cap", self.prefilter_cap, "must be 1 to 63 grey levels"));
         }
@@ -160,6 +196,28 @@ impl MatcherParams {
         }
         if self.threads == Some(0) {
             return Err(Error::invalid("threads", 0, "must be at least 1, or None for all cores"));
+        }
+        Ok(())
+    }
+
+    fn validate_sgm(&self) -> Result<()> {
+        if self.block_size > MAX_BLOCK_SIZE {
+            return Err(Error::invalid(
+                "block_size",
+                format!("{} px", self.block_size),
+                format!("must be odd, 1 to {MAX_BLOCK_SIZE} px for semi-global matching"),
+            ));
+        }
+        if !(3..=4).contains(&self.paths) {
+            return Err(Error::invalid("paths", self.paths, "must be 3 or 4"));
+        }
+        if self.p1 > LARGEST_PENALTY {
+            let expected = format!("must be 0 to {LARGEST_PENALTY} grey levels");
+            return Err(Error::invalid("p1", self.p1, expected));
+        }
+        if !(self.p1..=LARGEST_PENALTY).contains(&self.p2) {
+            let expected = format!("must be p1 = {} to {LARGEST_PENALTY} grey levels", self.p1);
+            return Err(Error::invalid("p2", self.p2, expected));
         }
         Ok(())
     }

@@ -39,11 +39,7 @@ impl Frame<'_> {
             largest_difference: params.largest_difference(),
             blocked_columns: if everywhere { width } else { near_edge },
             uniqueness_ratio: params.uniqueness_ratio.into(),
-            // A reach over all disparities accepts everything.
-            left_right_reach: params
-                .left_right_max_diff
-                .map(usize::from)
-                .filter(|&reach| reach + 1 < params.num_disparities),
+            left_right_reach: params.left_right_reach(),
         }
     }
 }

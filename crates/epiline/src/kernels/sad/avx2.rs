@@ -9,7 +9,7 @@ use super::{Choice, SadRow};
 pub const LANE_BLOCK: usize = 32;
 
 #[derive(Clone, Copy)]
-struct U16x16(__m256i);
+pub(in crate::kernels) struct U16x16(pub(in crate::kernels) __m256i);
 
 /// See [`SadRow`].
 ///

@@ -9,7 +9,7 @@ use super::{Choice, Cost, SadRow};
 pub const LANE_BLOCK: usize = 64;
 
 #[derive(Clone, Copy)]
-struct U16x32(__m512i);
+pub(in crate::kernels) struct U16x32(pub(in crate::kernels) __m512i);
 
 /// See [`SadRow`].
 ///

@@ -28,10 +28,11 @@ pub fn sad_row<C: Cost>(row: &mut SadRow<'_, C>) {
     slide_columns_down(row);
     sum_columns_along(row);
     block(row);
-    find_best(row);
-    if let Some(reach) = row.shape.left_right_reach {
-        find_right_best(row);
-        find_nearby(row, reach);
+    let RowShape { lanes, uniqueness_ratio, left_right_reach, .. } = row.shape;
+    find_best(row.scratch, lanes, uniqueness_ratio, row.chosen, row.rivals);
+    if let Some(reach) = left_right_reach {
+        find_right_best(row.scratch, lanes, row.right_best);
+        find_nearby(row.scratch, lanes, reach, row.chosen, row.nearby);
     }
 }
 
@@ -88,19 +89,31 @@ fn block<C: Cost>(row: &mut SadRow<'_, C>) {
 
 /// The first lane with the smallest cost, its neighbours' costs, and how many lanes come close.
 #[inline(always)]
-fn find_best<C: Cost>(row: &mut SadRow<'_, C>) {
-    for (x, costs) in row.scratch.chunks_exact(row.shape.lanes).enumerate() {
+pub(in crate::kernels) fn find_best<C: Cost>(
+    costs: &[C],
+    lanes: usize,
+    uniqueness_ratio: u32,
+    chosen: &mut [Choice<C>],
+    rivals: &mut [u16],
+) {
+    for (x, costs) in costs.chunks_exact(lanes).enumerate() {
         let best = costs.iter().copied().min().unwrap_or(C::BLOCKED);
         let lane = costs.iter().position(|&cost| cost == best).unwrap_or(0);
-        let at = |lane: Option<usize>| lane.and_then(|k| costs.get(k)).copied().unwrap_or(C::BLOCKED);
-        let (before, after) = (at(lane.checked_sub(1)), at(Some(lane + 1)));
-        row.chosen[x] = Choice { before, best, after, lane: C::from_lane(lane) };
-        if row.shape.uniqueness_ratio > 0 {
-            let limit = rival_limit(best.to_u32(), row.shape.uniqueness_ratio);
-            row.rivals[x] =
+        chosen[x] = choice_at(costs, lane);
+        if uniqueness_ratio > 0 {
+            let limit = rival_limit(best.to_u32(), uniqueness_ratio);
+            rivals[x] =
                 costs.iter().map(|&cost| u16::from(cost < C::BLOCKED && cost.to_u32() <= limit)).sum();
         }
     }
+}
+
+/// A lane of a column and its neighbours.
+#[inline(always)]
+pub(in crate::kernels) fn choice_at<C: Cost>(costs: &[C], lane: usize) -> Choice<C> {
+    let at = |lane: Option<usize>| lane.and_then(|k| costs.get(k)).copied().unwrap_or(C::BLOCKED);
+    let (before, after) = (at(lane.checked_sub(1)), at(Some(lane + 1)));
+    Choice { before, best: costs[lane], after, lane: C::from_lane(lane) }
 }
 
 /// The cost up to which a candidate is a rival of the best: `best + best·ratio/100`, rounded down as OpenCV does.
@@ -112,10 +125,10 @@ pub(in crate::kernels) fn rival_limit(best: u32, uniqueness_ratio: u32) -> u32 {
 
 /// The smallest cost per right pixel, over all left pixels it can belong to.
 #[inline(always)]
-fn find_right_best<C: Cost>(row: &mut SadRow<'_, C>) {
-    row.right_best.fill(C::BLOCKED);
-    for (x, costs) in row.scratch.chunks_exact(row.shape.lanes).enumerate() {
-        for (best, &cost) in row.right_best[x..].iter_mut().zip(costs) {
+pub(in crate::kernels) fn find_right_best<C: Cost>(costs: &[C], lanes: usize, right_best: &mut [C]) {
+    right_best.fill(C::BLOCKED);
+    for (x, costs) in costs.chunks_exact(lanes).enumerate() {
+        for (best, &cost) in right_best[x..].iter_mut().zip(costs) {
             *best = (*best).min(cost);
         }
     }
@@ -123,16 +136,25 @@ fn find_right_best<C: Cost>(row: &mut SadRow<'_, C>) {
 
 /// The smallest of the costs of one right pixel near the best one: disparity `d + j` belongs to column `x + j`.
 #[inline(always)]
-fn find_nearby<C: Cost>(row: &mut SadRow<'_, C>, reach: usize) {
-    let RowShape { width, lanes, .. } = row.shape;
-    for x in 0..width {
-        let lane = row.chosen[x].lane.to_u32() as usize;
-        let right = x + lane;
-        let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
-        row.nearby[x] = columns
-            .filter(|&column| column <= right && right - column < lanes)
-            .map(|column| row.scratch[column * lanes + (right - column)])
-            .min()
-            .unwrap_or(C::BLOCKED);
+pub(in crate::kernels) fn find_nearby<C: Cost>(
+    costs: &[C],
+    lanes: usize,
+    reach: usize,
+    chosen: &[Choice<C>],
+    nearby: &mut [C],
+) {
+    let width = chosen.len();
+    for (x, (choice, nearby)) in chosen.iter().zip(nearby).enumerate() {
+        let lane = choice.lane.to_u32() as usize;
+        // Lane `lane - j` of column `x + j`, as far as both exist.
+        let (to_left, to_right) = (reach.min(x).min(lanes - 1 - lane), reach.min(width - 1 - x).min(lane));
+        let cell = x * lanes + lane;
+        *nearby = costs[cell];
+        for j in 1..=to_left {
+            *nearby = (*nearby).min(costs[cell - j * (lanes - 1)]);
+        }
+        for j in 1..=to_right {
+            *nearby = (*nearby).min(costs[cell + j * (lanes - 1)]);
+        }
     }
 }

@@ -50,7 +50,7 @@ pub fn scratch_len(shape: &RowShape) -> usize {
 /// # Safety
 /// Every function requires that the processor has that instruction set. They are inlined into a function compiled for
 /// it, so that the intrinsics are too.
-pub(super) trait Lanes: Copy {
+pub(in crate::kernels) trait Lanes: Copy {
     /// Costs per vector. A pair of vectors has a cost for each byte of one vector.
     const COUNT: usize;
     /// [`sad_row`], compiled for the instruction set.
@@ -84,7 +84,7 @@ pub(super) trait Lanes: Copy {
 }
 
 /// All costs of one column: `P` pairs of vectors.
-pub(super) type Column<V, const P: usize> = [[V; 2]; P];
+pub(in crate::kernels) type Column<V, const P: usize> = [[V; 2]; P];
 
 /// `f` of each vector and its position among the lanes.
 #[inline(always)]

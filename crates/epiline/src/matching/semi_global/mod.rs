@@ -1,0 +1,204 @@
+//! Semi-global matching of a frame: costs, paths, sums, in bands of rows.
+//!
+//! Horizontal paths stay within a row and vertical ones within a column, so every phase of a band has something that its
+//! jobs can share out: rows for costs, columns for vertical paths, rows for the rest. No path runs across two jobs' parts,
+//! hence the result does not depend on how many there are.
+//!
+//! Three paths (from the left, the right and above) need a band of costs at a time. The fourth, from below, begins at the
+//! image's end: then matching costs and the path from above are kept for the whole image, `2·width·height·lanes` bytes.
+
+mod costs;
+mod penalties;
+mod rows;
+
+use std::ops::Range;
+
+use self::costs::CostRows;
+pub(super) use self::penalties::Penalties;
+use self::rows::{PathRows, Vertical};
+use super::aligned::AlignedVec;
+use super::map::{DisparityMap, Validity};
+use super::params::MatcherParams;
+use super::texture::TextureSums;
+use crate::image::{Image, ImageRef};
+use crate::kernels::Kernels;
+use crate::preprocess::xsobel_row;
+
+/// Rows of a band per thread. Costs of the rows above a job's first are summed again.
+const ROWS_PER_JOB: usize = 32;
+
+/// What every job of a frame reads.
+#[derive(Clone, Copy)]
+pub(super) struct Frame<'a> {
+    pub kernels: &'a Kernels,
+    pub params: &'a MatcherParams,
+    pub penalties: &'a Penalties,
+    pub left: ImageRef<'a, u8>,
+    pub right: ImageRef<'a, u8>,
+    pub left_valid: Option<ImageRef<'a, u8>>,
+    pub right_valid: Option<ImageRef<'a, u8>>,
+}
+
+impl Frame<'_> {
+    fn lanes(&self) -> usize {
+        self.kernels.lanes(self.params.num_disparities)
+    }
+
+    /// Disparity of lane 0, px; so many right columns less one lie left of the image.
+    fn first_disparity(&self) -> usize {
+        self.params.min_disparity + self.lanes() - 1
+    }
+
+    fn width(&self) -> usize {
+        self.left.width()
+    }
+
+    fn height(&self) -> usize {
+        self.left.height()
+    }
+}
+
+/// Runs the jobs, each on a thread of its own if there are several.
+fn run_all(jobs: impl ExactSizeIterator<Item = impl FnOnce() + Send>) {
+    if jobs.len() == 1 {
+        jobs.for_each(|job| job());
+    } else {
+        rayon::in_place_scope(|scope| jobs.for_each(|job| scope.spawn(move |_| job())));
+    }
+}
+
+/// The buffers of the method.
+#[derive(Debug, Default)]
+pub(super) struct SemiGlobal {
+    costs: AlignedVec<u8>,
+    above: AlignedVec<u8>,
+    below: AlignedVec<u8>,
+    vertical: Vertical,
+    cost_rows: Vec<CostRows>,
+    path_rows: Vec<PathRows>,
+    texture: Image<u8>,
+    texture_sums: TextureSums,
+}
+
+impl SemiGlobal {
+    /// Matches a pair into `out`, which has its size.
+    pub fn compute(&mut self, frame: &Frame<'_>, threads: usize, out: &mut DisparityMap) {
+        self.match_bands(frame, threads, out);
+        if frame.params.texture_threshold > 0 {
+            self.mark_texture(frame, out);
+        }
+    }
+
+    fn match_bands(&mut self, frame: &Frame<'_>, threads: usize, out: &mut DisparityMap) {
+        let (width, height) = (frame.width(), frame.height());
+        let row_cells = width * frame.lanes();
+        // A single thread keeps a row in its cache from its costs to its disparities.
+        let band_rows = if threads == 1 { 1 } else { ROWS_PER_JOB * threads }.min(height);
+        let jobs = threads.min(band_rows);
+        self.cost_rows.resize_with(jobs, CostRows::default);
+        self.path_rows.resize_with(jobs, PathRows::default);
+        self.cost_rows.iter_mut().for_each(|rows| rows.prepare(frame));
+        self.path_rows.iter_mut().for_each(|rows| rows.prepare(frame));
+        let whole = frame.params.paths == 4;
+        let kept = if whole { height } else { band_rows };
+        self.costs.reset(kept * row_cells, 0);
+        self.above.reset(kept * row_cells, 0);
+        self.below.reset(if whole { band_rows * row_cells } else { 0 }, 0);
+
+        let bands = (0..height).step_by(band_rows).map(|first| first..(first + band_rows).min(height));
+        self.vertical.start(frame);
+        for band in bands.clone() {
+            let at = if whole { band.start } else { 0 };
+            let cells = at * row_cells..(at + band.len()) * row_cells;
+            let (costs, above) = (&mut self.costs[cells.clone()], &mut self.above[cells]);
+            compute_costs(&mut self.cost_rows, frame, band.clone(), costs);
+            self.vertical.extend(frame, band.clone(), costs, above, jobs);
+            if !whole {
+                choose(&mut self.path_rows, frame, band, [costs, above, &[]], out);
+            }
+        }
+        if !whole {
+            return;
+        }
+        self.vertical.start(frame);
+        for band in bands.rev() {
+            let cells = band.start * row_cells..band.end * row_cells;
+            let (costs, above) = (&self.costs[cells.clone()], &self.above[cells]);
+            let below = &mut self.below[..band.len() * row_cells];
+            self.vertical.extend_upward(frame, band.clone(), costs, below, jobs);
+            choose(&mut self.path_rows, frame, band, [costs, above, below], out);
+        }
+    }
+
+    /// Adds [`Validity::LOW_TEXTURE`] where it applies.
+    fn mark_texture(&mut self, frame: &Frame<'_>, out: &mut DisparityMap) {
+        let params = frame.params;
+        let (radius, cap) = (params.radius() as isize, params.prefilter_cap);
+        self.texture.resize(frame.width(), frame.height());
+        for y in 0..frame.height() {
+            xsobel_row(frame.kernels, frame.left, y, cap, self.texture.row_mut(y));
+        }
+        let last = frame.height() as isize - 1;
+        let texture = &self.texture;
+        let row = |y: isize| texture.row(y.clamp(0, last) as usize);
+        self.texture_sums.reset(frame.width());
+        (-radius - 1..radius).for_each(|y| self.texture_sums.enter(row(y), cap));
+        for y in 0..=last {
+            self.texture_sums.enter(row(y + radius), cap);
+            self.texture_sums.leave(row(y - radius - 1), cap);
+            let (bit, except) = (Validity::LOW_TEXTURE, Validity::NO_CANDIDATE);
+            let bits = out.validity.row_mut(y as usize);
+            self.texture_sums.mark(params.radius(), params.texture_threshold, bit, except, bits);
+        }
+    }
+}
+
+/// Matching costs of a band, rows shared out.
+fn compute_costs(buffers: &mut [CostRows], frame: &Frame<'_>, band: Range<usize>, costs: &mut [u8]) {
+    let row_cells = frame.width() * frame.lanes();
+    let mut rest = costs;
+    let jobs: Vec<_> = parts(band, buffers.len())
+        .zip(buffers)
+        .map(|(rows, buffers)| {
+            let own;
+            (own, rest) = std::mem::take(&mut rest).split_at_mut(rows.len() * row_cells);
+            move || buffers.compute(frame, rows, own)
+        })
+        .collect();
+    run_all(jobs.into_iter());
+}
+
+/// Disparities of a band from its costs and vertical paths, rows shared out.
+fn choose(
+    buffers: &mut [PathRows],
+    frame: &Frame<'_>,
+    band: Range<usize>,
+    [costs, above, below]: [&[u8]; 3],
+    out: &mut DisparityMap,
+) {
+    let (width, lanes) = (frame.width(), frame.lanes());
+    let pixels = band.start * width..band.end * width;
+    let mut values = &mut out.values.as_mut_slice()[pixels.clone()];
+    let mut bits = &mut out.validity.as_mut_slice()[pixels];
+    let first = band.start;
+    let jobs: Vec<_> = parts(band, buffers.len())
+        .zip(buffers)
+        .map(|(rows, buffers)| {
+            let (own_values, own_bits);
+            (own_values, values) = std::mem::take(&mut values).split_at_mut(rows.len() * width);
+            (own_bits, bits) = std::mem::take(&mut bits).split_at_mut(rows.len() * width);
+            let cells = (rows.start - first) * width * lanes..(rows.end - first) * width * lanes;
+            let below = if below.is_empty() { below } else { &below[cells.clone()] };
+            let volumes = [&costs[cells.clone()], &above[cells], below];
+            move || buffers.compute(frame, rows, volumes, own_values, own_bits)
+        })
+        .collect();
+    run_all(jobs.into_iter());
+}
+
+/// A range in `count` parts, as even as possible; fewer if it is shorter.
+fn parts(range: Range<usize>, count: usize) -> impl Iterator<Item = Range<usize>> {
+    let (first, len) = (range.start, range.len());
+    let count = count.min(len).max(1);
+    (0..count).map(move |i| first + len * i / count..first + len * (i + 1) / count)
+}

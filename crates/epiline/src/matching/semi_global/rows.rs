@@ -1,0 +1,200 @@
+//! Paths through the costs, and what is chosen by their sums.
+
+use std::ops::Range;
+
+use super::Frame;
+use crate::kernels::CostKernels;
+use crate::kernels::sad::Choice;
+use crate::kernels::select::SelectRow;
+use crate::kernels::semi_global::{HorizontalRow, SumRow, VerticalRow};
+use crate::matching::aligned::AlignedVec;
+use crate::matching::left_right;
+use crate::matching::map::Validity;
+
+/// The vertical paths as far as they have come.
+#[derive(Debug, Default)]
+pub(super) struct Vertical {
+    /// Path costs of the last row, where the next band needs them.
+    last: AlignedVec<u8>,
+    smallest: Vec<u8>,
+    p2: Vec<u8>,
+}
+
+impl Vertical {
+    /// Before the first row.
+    pub fn start(&mut self, frame: &Frame<'_>) {
+        let width = frame.width();
+        self.last.reset(width * frame.lanes(), 0);
+        self.smallest.clear();
+        self.smallest.resize(width, 0);
+        self.p2.resize(width, 0);
+    }
+
+    /// Downward through a band.
+    pub fn extend(
+        &mut self,
+        frame: &Frame<'_>,
+        band: Range<usize>,
+        costs: &[u8],
+        paths: &mut [u8],
+        jobs: usize,
+    ) {
+        let cells = frame.width() * frame.lanes();
+        for (i, y) in band.enumerate() {
+            let (done, rest) = paths.split_at_mut(i * cells);
+            let before = if i > 0 { &done[(i - 1) * cells..] } else { &self.last };
+            let beside = y.checked_sub(1).unwrap_or(y);
+            frame.penalties.between(frame.left.row(y), frame.left.row(beside), &mut self.p2);
+            let costs = &costs[i * cells..(i + 1) * cells];
+            step(frame, costs, &self.p2, before, &mut self.smallest, &mut rest[..cells], jobs);
+        }
+        self.last.copy_from_slice(&paths[paths.len() - cells..]);
+    }
+
+    /// Upward through a band.
+    pub fn extend_upward(
+        &mut self,
+        frame: &Frame<'_>,
+        band: Range<usize>,
+        costs: &[u8],
+        paths: &mut [u8],
+        jobs: usize,
+    ) {
+        let cells = frame.width() * frame.lanes();
+        let count = band.len();
+        for (i, y) in band.enumerate().rev() {
+            let (rest, done) = paths.split_at_mut((i + 1) * cells);
+            let before = if i + 1 < count { &done[..cells] } else { &self.last };
+            let beside = (y + 1).min(frame.height() - 1);
+            frame.penalties.between(frame.left.row(y), frame.left.row(beside), &mut self.p2);
+            let costs = &costs[i * cells..(i + 1) * cells];
+            step(frame, costs, &self.p2, before, &mut self.smallest, &mut rest[i * cells..], jobs);
+        }
+        self.last.copy_from_slice(&paths[..cells]);
+    }
+}
+
+/// One row of vertical paths, columns shared out.
+fn step(
+    frame: &Frame<'_>,
+    costs: &[u8],
+    p2: &[u8],
+    before: &[u8],
+    smallest: &mut [u8],
+    after: &mut [u8],
+    jobs: usize,
+) {
+    let lanes = frame.lanes();
+    let (columns, p1) = (p2.len().div_ceil(jobs), frame.penalties.p1);
+    let parts = costs
+        .chunks(columns * lanes)
+        .zip(p2.chunks(columns))
+        .zip(before.chunks(columns * lanes))
+        .zip(smallest.chunks_mut(columns))
+        .zip(after.chunks_mut(columns * lanes));
+    super::run_all(parts.map(|((((costs, p2), before), smallest), after)| {
+        move || frame.kernels.vertical(&mut VerticalRow { lanes, costs, p1, p2, before, smallest, after })
+    }));
+}
+
+/// Horizontal paths, sums and choices of a row, for one job.
+#[derive(Debug, Default)]
+pub(super) struct PathRows {
+    p2: Vec<u8>,
+    from_left: AlignedVec<u8>,
+    from_right: AlignedVec<u8>,
+    sums: AlignedVec<u16>,
+    chosen: Vec<Choice<u16>>,
+    rivals: Vec<u16>,
+    nearby: Vec<u16>,
+    right_best: Vec<u16>,
+}
+
+impl PathRows {
+    /// Sizes the buffers for a frame.
+    pub fn prepare(&mut self, frame: &Frame<'_>) {
+        let (width, lanes) = (frame.width(), frame.lanes());
+        self.p2.resize(width, 0);
+        self.from_left.reset(width * lanes, 0);
+        self.from_right.reset(width * lanes, 0);
+        self.sums.reset(width * lanes, 0);
+        self.chosen.resize(width, Choice::NONE);
+        self.rivals.resize(width, 0);
+        self.nearby.resize(width, 0);
+        self.right_best.resize(width + lanes - 1, 0);
+    }
+
+    /// Disparities of some rows from their costs and vertical paths.
+    pub fn compute(
+        &mut self,
+        frame: &Frame<'_>,
+        rows: Range<usize>,
+        [costs, above, below]: [&[u8]; 3],
+        values: &mut [u16],
+        bits: &mut [u8],
+    ) {
+        let (width, cells) = (frame.width(), frame.width() * frame.lanes());
+        let outputs = values.chunks_exact_mut(width).zip(bits.chunks_exact_mut(width));
+        for ((i, y), (values, bits)) in rows.enumerate().zip(outputs) {
+            let row = i * cells..(i + 1) * cells;
+            let below = if below.is_empty() { below } else { &below[row.clone()] };
+            self.sum(frame, y, [&costs[row.clone()], &above[row], below]);
+            self.select(frame, y, values, bits);
+        }
+    }
+
+    fn sum(&mut self, frame: &Frame<'_>, y: usize, [costs, from_above, from_below]: [&[u8]; 3]) {
+        let params = frame.params;
+        let grey = frame.left.row(y);
+        frame.penalties.between(&grey[1..], grey, &mut self.p2[1..]);
+        frame.kernels.horizontal(&mut HorizontalRow {
+            lanes: frame.lanes(),
+            costs,
+            p1: frame.penalties.p1,
+            p2: &self.p2,
+            from_left: &mut self.from_left,
+            from_right: &mut self.from_right,
+        });
+        frame.kernels.sum(&mut SumRow {
+            lanes: frame.lanes(),
+            from_left: &self.from_left,
+            from_right: &self.from_right,
+            from_above,
+            from_below,
+            uniqueness_ratio: params.uniqueness_ratio.into(),
+            left_right_reach: params.left_right_reach(),
+            sums: &mut self.sums,
+            chosen: &mut self.chosen,
+            rivals: &mut self.rivals,
+            nearby: &mut self.nearby,
+            right_best: &mut self.right_best,
+        });
+    }
+
+    fn select(&self, frame: &Frame<'_>, y: usize, values: &mut [u16], bits: &mut [u8]) {
+        let params = frame.params;
+        let row = &mut SelectRow {
+            chosen: &self.chosen,
+            rivals: &self.rivals,
+            first_disparity: frame.first_disparity() as u16,
+            subpixel: params.subpixel,
+            uniqueness_ratio: params.uniqueness_ratio.into(),
+            no_candidate: Validity::NO_SOURCE,
+            not_unique: Validity::NOT_UNIQUE,
+            values,
+            bits,
+        };
+        u16::select(frame.kernels, row);
+        let SelectRow { bits, .. } = row;
+        // Here no disparity asked for lies inside the right image, whatever has a source.
+        bits[..params.min_disparity.min(frame.width())].fill(Validity::BORDER);
+        if let Some(valid) = frame.left_valid {
+            let sourceless = bits.iter_mut().zip(valid.row(y)).filter(|&(_, &valid)| valid == 0);
+            sourceless.for_each(|(bits, _)| *bits |= Validity::NO_SOURCE);
+        }
+        if params.left_right_reach().is_some() {
+            let (bit, except) = (Validity::LEFT_RIGHT, Validity::NO_CANDIDATE);
+            left_right::mark(&self.chosen, &self.nearby, &self.right_best, bit, except, bits);
+        }
+    }
+}

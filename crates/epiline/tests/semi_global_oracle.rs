@@ -1,0 +1,383 @@
+//! Semi-global matching against its definition computed directly, and against itself at every instruction level and number
+//! of threads.
+
+use epiline::image::Image;
+use epiline::kernels::Level;
+use epiline::matching::{DisparityMap, MatcherParams, Method, Prefilter, StereoMatcher, Validity};
+use proptest::prelude::*;
+
+/// A pair and its masks.
+#[derive(Debug)]
+struct Scene {
+    left: Image<u8>,
+    right: Image<u8>,
+    valid: Option<[Image<u8>; 2]>,
+}
+
+/// Repeatable pixels from a seed; few grey levels make ties, extreme ones the largest costs.
+fn scene(width: usize, height: usize, levels: u8, masked: bool, seed: u64) -> Scene {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let mut next = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 32) as u8
+    };
+    let step = 255 / (levels - 1);
+    let left = Image::from_fn(width, height, |_, _| next() % levels * step);
+    let right = Image::from_fn(width, height, |x, y| {
+        let shift = 1 + y / 5 + usize::from(x > width / 2) * 3;
+        if next() < 30 { next() % levels * step } else { left.row(y)[(x + shift).min(width - 1)] }
+    });
+    let valid = masked.then(|| [0, 1].map(|_| Image::from_fn(width, height, |_, _| u8::from(next() > 40))));
+    Scene { left, right, valid }
+}
+
+/// The definition, pixel by pixel; nothing is shared with the matcher but its parameters.
+struct Oracle<'a> {
+    params: &'a MatcherParams,
+    scene: &'a Scene,
+}
+
+const NO_CANDIDATE: i32 = 255;
+
+impl Oracle<'_> {
+    fn size(&self) -> (isize, isize) {
+        (self.scene.left.width() as isize, self.scene.left.height() as isize)
+    }
+
+    fn grey(&self, image: &Image<u8>, x: isize, y: isize) -> i32 {
+        let (width, height) = self.size();
+        image.row(y.clamp(0, height - 1) as usize)[x.clamp(0, width - 1) as usize].into()
+    }
+
+    fn filtered(&self, image: &Image<u8>, x: isize, y: isize) -> i32 {
+        let (width, height) = self.size();
+        let mirror = |i: isize, n: isize| if n == 1 { 0 } else { (n - 1) - ((n - 1) - i.abs()).abs() };
+        let (x, y) = (x.clamp(0, width - 1), y.clamp(0, height - 1));
+        if self.params.prefilter == Prefilter::None {
+            return 0;
+        }
+        let at = |x: isize, y: isize| self.grey(image, mirror(x, width), mirror(y, height));
+        let slope: i32 =
+            [(-1, 1), (0, 2), (1, 1)].iter().map(|&(j, w)| w * (at(x + 1, y + j) - at(x - 1, y + j))).sum();
+        let cap = i32::from(self.params.prefilter_cap);
+        slope.clamp(-cap, cap) + cap
+    }
+
+    /// The value, and the interval of it and the means with its neighbours.
+    fn interval(&self, x: isize, value: impl Fn(isize) -> i32) -> (i32, i32, i32) {
+        let x = x.clamp(0, self.size().0 - 1);
+        let own = value(x);
+        let means = [value(x - 1), value(x + 1)].map(|other| (own + other + 1) / 2);
+        (own, own.min(means[0]).min(means[1]), own.max(means[0]).max(means[1]))
+    }
+
+    fn birchfield_tomasi(&self, l: (i32, i32, i32), r: (i32, i32, i32)) -> i32 {
+        let outside = |v: i32, low: i32, high: i32| (v - high).max(low - v).max(0);
+        outside(l.0, r.1, r.2).min(outside(r.0, l.1, l.2))
+    }
+
+    fn pixel_cost(&self, x: isize, y: isize, d: isize) -> i32 {
+        let Scene { left, right, .. } = self.scene;
+        let (width, height) = self.size();
+        let (x, y) = (x.clamp(0, width - 1), y.clamp(0, height - 1));
+        let xr = (x - d).max(0);
+        let filtered = self.birchfield_tomasi(
+            self.interval(x, |x| self.filtered(left, x, y)),
+            self.interval(xr, |x| self.filtered(right, x, y)),
+        );
+        let grey = self.birchfield_tomasi(
+            self.interval(x, |x| self.grey(left, x, y)),
+            self.interval(xr, |x| self.grey(right, x, y)),
+        );
+        let darker = |image: &Image<u8>, x: isize, i: isize, j: isize| {
+            self.grey(image, x + i, y + j) < self.grey(image, x, y)
+        };
+        let around = (-2..=2).flat_map(|j| (-2..=2).map(move |i| (i, j)));
+        let census = around.filter(|&(i, j)| darker(left, x, i, j) != darker(right, xr, i, j)).count();
+        filtered + grey / 4 + census as i32
+    }
+
+    fn is_candidate(&self, x: isize, y: isize, d: isize) -> bool {
+        let has_source = |side: usize, x: isize| {
+            self.scene.valid.as_ref().is_none_or(|valid| valid[side].row(y as usize)[x as usize] != 0)
+        };
+        x >= d && has_source(0, x) && has_source(1, x - d)
+    }
+
+    fn cost(&self, x: isize, y: isize, d: isize) -> i32 {
+        if !self.is_candidate(x, y, d) {
+            return NO_CANDIDATE;
+        }
+        let r = (self.params.block_size / 2) as isize;
+        let window = (-r..=r).flat_map(|j| (-r..=r).map(move |i| (i, j)));
+        let sum: i32 = window.map(|(i, j)| self.pixel_cost(x + i, y + j, d)).sum();
+        let area = (2 * r + 1) * (2 * r + 1);
+        let reciprocal = (65_536 + area - 1) / area;
+        ((i64::from(sum) * reciprocal.min(65_535) as i64) >> 16).min(127) as i32
+    }
+
+    fn p2(&self, a: i32, b: i32) -> i32 {
+        let (p1, p2) = (f64::from(self.params.p1), f64::from(self.params.p2));
+        let low = f64::from(self.params.p1 + (self.params.p2 - self.params.p1) / 8);
+        assert!(low >= p1);
+        (low + (p2 - low) * (-f64::from((a - b).abs()) / 15.0).exp()).round() as i32
+    }
+
+    /// Sums over the paths, `[y][x][d - min_disparity]`.
+    fn sums(&self) -> Vec<Vec<Vec<i32>>> {
+        let (width, height) = self.size();
+        let (first, count) = (self.params.min_disparity as isize, self.params.num_disparities);
+        let costs: Vec<Vec<Vec<i32>>> = (0..height)
+            .map(|y| {
+                (0..width)
+                    .map(|x| (0..count).map(|i| self.cost(x, y, first + i as isize)).collect())
+                    .collect()
+            })
+            .collect();
+        let mut sums = vec![vec![vec![0; count]; width as usize]; height as usize];
+        let directions = [(1, 0), (-1, 0), (0, 1), (0, -1)];
+        for &(dx, dy) in &directions[..self.params.paths] {
+            let mut paths = vec![vec![vec![0; count]; width as usize]; height as usize];
+            let mut pixels: Vec<(isize, isize)> =
+                (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).collect();
+            if dx + dy < 0 {
+                pixels.reverse();
+            }
+            for (x, y) in pixels {
+                let (bx, by) = (x - dx, y - dy);
+                for i in 0..count {
+                    let mut cost = costs[y as usize][x as usize][i];
+                    if (0..width).contains(&bx) && (0..height).contains(&by) {
+                        let before: &Vec<i32> = &paths[by as usize][bx as usize];
+                        let smallest = *before.iter().min().expect("a disparity");
+                        let at = |i: usize| before.get(i).copied().unwrap_or(NO_CANDIDATE) - smallest;
+                        let left = &self.scene.left;
+                        let p2 = self.p2(self.grey(left, x, y), self.grey(left, bx, by));
+                        let p1 = i32::from(self.params.p1);
+                        cost += at(i).min(at(i.wrapping_sub(1)) + p1).min(at(i + 1) + p1).min(p2);
+                    }
+                    paths[y as usize][x as usize][i] = cost.min(NO_CANDIDATE);
+                    sums[y as usize][x as usize][i] += cost;
+                }
+            }
+        }
+        sums
+    }
+
+    fn map(&self) -> DisparityMap {
+        let (width, height) = self.size();
+        let params = self.params;
+        let sums = self.sums();
+        let sum = |x: isize, y: isize, d: isize| -> Option<i32> {
+            let i = usize::try_from(d - params.min_disparity as isize).ok()?;
+            let inside = (0..width).contains(&x) && i < params.num_disparities && self.is_candidate(x, y, d);
+            inside.then(|| sums[y as usize][x as usize][i])
+        };
+        let disparities = || (0..params.num_disparities).map(|i| (params.min_disparity + i) as isize);
+        let mut map = DisparityMap::new(width as usize, height as usize);
+        (map.min_disparity, map.num_disparities) = (params.min_disparity, params.num_disparities);
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            let best = disparities().filter_map(|d| Some((sum(x, y, d)?, std::cmp::Reverse(d)))).min();
+            let (value, bits) = match best {
+                None => {
+                    let beyond = x < params.min_disparity as isize;
+                    let sourceless = self
+                        .scene
+                        .valid
+                        .as_ref()
+                        .is_some_and(|valid| valid[0].row(y as usize)[x as usize] == 0);
+                    let bits = if beyond { Validity::BORDER } else { Validity::NO_SOURCE };
+                    (0, bits | if sourceless { Validity::NO_SOURCE } else { 0 })
+                }
+                Some((best, std::cmp::Reverse(d))) => {
+                    let mut value_256 = 256 * d as i32;
+                    if let (Some(smaller), Some(larger)) = (sum(x, y, d - 1), sum(x, y, d + 1))
+                        && params.subpixel
+                    {
+                        let steepest = 2 * (smaller.max(larger) - best);
+                        value_256 += if steepest > 0 { 256 * (smaller - larger) / steepest } else { 0 };
+                    }
+                    let limit = best + best * i32::from(params.uniqueness_ratio) / 100;
+                    let rival = |e: isize| (e - d).abs() > 1 && sum(x, y, e).is_some_and(|sum| sum <= limit);
+                    let mut bits = 0;
+                    if params.uniqueness_ratio > 0 && disparities().any(rival) {
+                        bits |= Validity::NOT_UNIQUE;
+                    }
+                    if let Some(reach) = params.left_right_max_diff {
+                        let of_right = |e: isize| sum(x - d + e, y, e);
+                        let own = disparities().filter_map(of_right).min();
+                        let reach = reach as isize;
+                        if (d - reach..=d + reach).filter_map(of_right).min() != own {
+                            bits |= Validity::LEFT_RIGHT;
+                        }
+                    }
+                    (((value_256 + 15) >> 4) as u16, bits)
+                }
+            };
+            map.values.row_mut(y as usize)[x as usize] = value;
+            map.validity.row_mut(y as usize)[x as usize] = bits;
+        }
+        map
+    }
+}
+
+fn matched(params: &MatcherParams, scene: &Scene, level: Level) -> DisparityMap {
+    let mut map = DisparityMap::default();
+    let [left_valid, right_valid] = match &scene.valid {
+        Some([left, right]) => [Some(left.view()), Some(right.view())],
+        None => [None, None],
+    };
+    StereoMatcher::with_level(*params, level)
+        .and_then(|mut matcher| {
+            // Twice: nothing is left over from the frame before.
+            matcher.compute(scene.right.view(), scene.left.view(), &mut map)?;
+            matcher.compute_masked(scene.left.view(), scene.right.view(), left_valid, right_valid, &mut map)
+        })
+        .expect("parameters fit the images");
+    map
+}
+
+fn sgm() -> MatcherParams {
+    MatcherParams { threads: Some(1), ..MatcherParams::for_method(Method::Sgm) }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn the_matcher_computes_its_definition(
+        width in 18_usize..40,
+        height in 1_usize..12,
+        (min_disparity, num_disparities) in (0_usize..4, 1_usize..15),
+        block_size in prop::sample::select(vec![1, 3, 5, 15]),
+        paths in 3_usize..=4,
+        (p1, p2) in prop::sample::select(vec![(0, 0), (5, 40), (48, 127), (127, 127)]),
+        levels in prop::sample::select(vec![2_u8, 4, 18]),
+        masked in any::<bool>(),
+        seed in any::<u64>(),
+    ) {
+        let scene = scene(width, height, levels, masked, seed);
+        let params = MatcherParams {
+            min_disparity, num_disparities, block_size, paths, p1, p2,
+            prefilter: if seed % 5 == 0 { Prefilter::None } else { Prefilter::XSobel },
+            prefilter_cap: if seed % 3 == 0 { 63 } else { 15 },
+            uniqueness_ratio: (seed % 4 * 8) as u8,
+            left_right_max_diff: (seed % 3 > 0).then_some((seed % 3) as u16 - 1),
+            ..sgm()
+        };
+        let expected = Oracle { params: &params, scene: &scene }.map();
+        for level in Level::available() {
+            prop_assert_eq!(&matched(&params, &scene, level), &expected, "{}", level.name());
+        }
+    }
+}
+
+#[test]
+fn neither_level_nor_threads_change_the_result() {
+    for (paths, num_disparities, width) in [(3, 64, 131), (4, 64, 97), (4, 100, 211), (3, 200, 203)] {
+        let scene = scene(width, 90, 18, false, width as u64);
+        let params = MatcherParams {
+            paths,
+            num_disparities,
+            uniqueness_ratio: 5,
+            left_right_max_diff: Some(1),
+            ..sgm()
+        };
+        let expected = matched(&params, &scene, Level::SCALAR);
+        for level in Level::available() {
+            for threads in [1, 2, 3, 7] {
+                let params = MatcherParams { threads: Some(threads), ..params };
+                assert_eq!(matched(&params, &scene, level), expected, "{} {threads} threads", level.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn the_left_border_is_answered_from_what_the_right_image_shows() {
+    let scene = scene(120, 40, 18, false, 7);
+    let params = MatcherParams { num_disparities: 64, ..sgm() };
+    let map = matched(&params, &scene, Level::best());
+    assert!(map.validity.as_slice().iter().all(|&bits| bits == 0), "every pixel has a candidate");
+    for (i, &value) in map.values.as_slice().iter().enumerate() {
+        assert!(usize::from(value) <= 16 * (i % 120) + 8, "pixel {i}: {value}/16 px points outside");
+    }
+}
+
+/// Nearest values of the row, and of the rows around if it has none; then medians by sorting.
+fn filled(map: &DisparityMap) -> Option<Vec<u16>> {
+    let (width, height) = (map.width(), map.height());
+    let value =
+        |x: usize, y: usize| Validity::has_value(map.validity.row(y)[x]).then(|| map.values.row(y)[x]);
+    let mut rows: Vec<Option<Vec<u16>>> = (0..height)
+        .map(|y| {
+            (0..width)
+                .map(|x| {
+                    let left = (0..x).rev().find_map(|x| value(x, y));
+                    let right = (x..width).find_map(|x| value(x, y));
+                    value(x, y).or(left.into_iter().chain(right).min())
+                })
+                .collect()
+        })
+        .collect();
+    let first = rows.iter().position(Option::is_some)?;
+    for y in 0..height {
+        if rows[y].is_none() {
+            rows[y] = rows[if y < first { first } else { y - 1 }].clone();
+        }
+    }
+    let rows: Vec<Vec<u16>> = rows.into_iter().flatten().collect();
+    let median = |x: usize, y: usize| {
+        let mut around: Vec<u16> = [y.saturating_sub(1), y, (y + 1).min(height - 1)]
+            .iter()
+            .flat_map(|&y| [x.saturating_sub(1), x, (x + 1).min(width - 1)].map(|x| rows[y][x]))
+            .collect();
+        around.sort_unstable();
+        around[4]
+    };
+    Some((0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| median(x, y)).collect())
+}
+
+#[test]
+fn filling_answers_every_pixel_from_the_background() {
+    for (width, height, method) in [(40, 9, Method::Sgm), (33, 14, Method::Sad), (17, 1, Method::Sgm)] {
+        let scene = scene(width, height, 4, true, 11);
+        let params = MatcherParams {
+            num_disparities: 16,
+            left_right_max_diff: Some(0),
+            uniqueness_ratio: 20,
+            ..MatcherParams::for_method(method)
+        };
+        let map = matched(&params, &scene, Level::best());
+        let full = matched(&MatcherParams { fill: true, ..params }, &scene, Level::best());
+        assert_eq!(Some(full.values.as_slice().to_vec()), filled(&map), "{width}x{height}");
+        for (&before, &after) in map.validity.as_slice().iter().zip(full.validity.as_slice()) {
+            assert_eq!(after, if Validity::has_value(before) { before } else { Validity::FILLED });
+        }
+    }
+}
+
+#[test]
+fn a_map_without_any_value_is_left_as_it_is() {
+    let mut scene = scene(20, 5, 4, true, 3);
+    scene.valid = Some([0, 1].map(|_| Image::new(20, 5)));
+    let params = MatcherParams { num_disparities: 8, fill: true, ..sgm() };
+    let map = matched(&params, &scene, Level::best());
+    assert!(map.validity.as_slice().iter().all(|&bits| bits == Validity::NO_SOURCE));
+}
+
+#[test]
+fn parameters_outside_their_range_are_refused_by_name() {
+    let refused = [
+        (MatcherParams { block_size: 17, ..sgm() }, "block_size = 17 px"),
+        (MatcherParams { paths: 5, ..sgm() }, "paths = 5"),
+        (MatcherParams { p1: 128, p2: 128, ..sgm() }, "p1 = 128"),
+        (MatcherParams { p1: 50, p2: 49, ..sgm() }, "p2 = 49"),
+    ];
+    for (params, expected) in refused {
+        let message = StereoMatcher::new(params).expect_err(expected).to_string();
+        assert!(message.contains(expected), "{message}");
+    }
+}
