@@ -34,14 +34,7 @@ impl Preset {
             ..MatcherParams::for_method(Method::Sgm)
         };
         match self {
-            Self::Fast => MatcherParams {
-                block_size: 9,
-                uniqueness_ratio: 10,
-                texture_threshold: 10,
-                left_right_max_diff: Some(1),
-                speckle_size: 100,
-                ..MatcherParams::default()
-            },
+            Self::Fast => MatcherParams::with_all_tests(),
             Self::Balanced => MatcherParams { paths: 3, uniqueness_ratio: 10, speckle_size: 200, ..sgm },
             Self::Accurate => MatcherParams { uniqueness_ratio: 5, speckle_size: 400, ..sgm },
         }
