@@ -13,6 +13,8 @@ use crate::rectification::RectifiedGeometry;
 pub(super) const TOLERANCE_PX: f64 = 0.75;
 /// A column is on the plane if its pixels near it are no farther off in the mean, px.
 const ON_PLANE_PX: f64 = 0.5;
+/// A plane is fitted to about this many pixels at most.
+const ENOUGH_PIXELS: usize = 6000;
 /// Pixels whose errors are alike, because they share most of their matching window.
 const ALIKE_PX: f64 = 25.0;
 /// A slope of fewer standard deviations is none.
@@ -24,8 +26,7 @@ pub(super) struct Member {
     pub x: usize,
     pub y: usize,
     pub disparity_px: f64,
-    /// Off the plane it was held against, and the weight that gives it.
-    pub residual_px: f64,
+    /// Smaller the farther it is off the plane it was held against.
     pub weight: f64,
 }
 
@@ -101,40 +102,55 @@ impl Scene<'_> {
         self.geometry.map_or(-disparity_px, |geometry| finite_range_m(geometry, disparity_px, x, y))
     }
 
-    /// Calls `visit` with each pixel of a column of the image that lies in the region and near the plane.
-    fn for_each_member(&self, x: usize, plane: &Plane, tolerance_px: f64, mut visit: impl FnMut(Member)) {
+    /// Calls `visit` with each pixel of a column of the image that lies in the region and near the plane: row,
+    /// disparity, and how far that is off the plane.
+    fn for_each_member(
+        &self,
+        x: usize,
+        plane: &Plane,
+        tolerance_px: f64,
+        mut visit: impl FnMut(usize, f64, f64),
+    ) {
         for y in self.region.y..self.region.y + self.region.height {
             let Some(disparity_px) = self.disparity.at(x, y).map(f64::from) else { continue };
             let residual_px = disparity_px - plane.at(x, y);
             if residual_px.abs() <= tolerance_px {
-                // Tukey's weight: what lies at the edge of the tolerance hardly pulls.
-                let weight = (1.0 - (residual_px / tolerance_px).powi(2)).powi(2);
-                visit(Member { x, y, disparity_px, residual_px, weight });
+                visit(y, disparity_px, residual_px);
             }
         }
     }
 
-    /// Lists the pixels of some columns of the image that lie in the region and near the plane.
+    /// Lists pixels of some columns of the image that lie in the region and near the plane, and returns for how many
+    /// each of them stands: of a wide span only every so manieth column is looked at, which fits a plane as well.
     pub fn collect(
         &self,
         columns: RangeInclusive<usize>,
         plane: &Plane,
         tolerance_px: f64,
         members: &mut Vec<Member>,
-    ) {
+    ) -> usize {
+        let pixels = (columns.end() + 1 - columns.start()) * self.region.height;
+        let step = pixels.div_ceil(ENOUGH_PIXELS);
         members.clear();
-        for x in columns {
-            self.for_each_member(x, plane, tolerance_px, |member| members.push(member));
+        // In the middle of each group of columns, so that the ends are not favoured.
+        for x in columns.skip(step / 2).step_by(step) {
+            self.for_each_member(x, plane, tolerance_px, |y, disparity_px, residual_px| {
+                // Tukey's weight: what lies at the edge of the tolerance hardly pulls.
+                let share = residual_px / tolerance_px;
+                let inside = 1.0 - share * share;
+                members.push(Member { x, y, disparity_px, weight: inside * inside });
+            });
         }
+        step
     }
 
     /// Whether a column continues the plane: enough pixels near it, and those on it in the mean. Of another surface
     /// just behind, only the near tail of the scatter is near, all on one side.
     pub fn column_holds(&self, x: usize, plane: &Plane) -> bool {
         let (mut count, mut sum_px) = (0_u32, 0.0);
-        self.for_each_member(x, plane, TOLERANCE_PX, |member| {
+        self.for_each_member(x, plane, TOLERANCE_PX, |_, _, residual_px| {
             count += 1;
-            sum_px += member.residual_px;
+            sum_px += residual_px;
         });
         count as usize >= self.params.min_support && sum_px.abs() <= ON_PLANE_PX * f64::from(count)
     }

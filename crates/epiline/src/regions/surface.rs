@@ -221,15 +221,16 @@ impl SurfaceFinder {
             let more_left = (scene.region.x..left).rev().take(limit).take_while(holds).count();
             let more_right = (right + 1..end).take(limit).take_while(holds).count();
             (left, right) = (left - more_left, right + more_right);
-            scene.collect(left..=right, &plane, TOLERANCE_PX, &mut self.members);
+            let step = scene.collect(left..=right, &plane, TOLERANCE_PX, &mut self.members);
             let Some(fitted) = Plane::fit(&self.members, scene.params.disparity_sigma_px) else { break };
             plane = fitted;
             // A surface at an angle also gains rows as its slope comes out.
-            let settled = self.members.len().abs_diff(members_before) <= self.members.len() / 100;
+            let members = step * self.members.len();
+            let settled = members.abs_diff(members_before) <= members / 100;
             if more_left + more_right == 0 && settled {
                 break;
             }
-            members_before = self.members.len();
+            members_before = members;
         }
         (plane, left..=right)
     }
@@ -256,8 +257,9 @@ impl SurfaceFinder {
         columns: RangeInclusive<usize>,
         support: usize,
     ) -> Option<(Point, usize)> {
-        scene.collect(columns.clone(), plane, TOLERANCE_PX, &mut self.members);
-        let pixels = self.members.len();
+        let step = scene.collect(columns.clone(), plane, TOLERANCE_PX, &mut self.members);
+        let pixels = step * self.members.len();
+        let support = support.div_ceil(step);
         let near_end_px = self.nearest_point(scene, plane, support)?.disparity_px - NEAR_END_PX;
         self.members.retain(|member| plane.at(member.x, member.y) >= near_end_px);
         let plane = Plane::fit(&self.members, scene.params.disparity_sigma_px)?;
