@@ -125,6 +125,16 @@ def test_match_writes_each_format(
     assert out.stat().st_size > 1000
 
 
+def test_match_by_preset_and_filled(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    drive = rendered / "drive"
+    pair = (drive / "left00.png", drive / "right00.png", "--rig", rendered / "rig.yaml", "-o", tmp_path / "d.pfm")
+    kept = json.loads(output(capsys, "match", *pair, "--preset", "accurate", "--json"))
+    filled = json.loads(output(capsys, "match", *pair, "--preset", "accurate", "--fill", "--json"))
+    assert kept["parameters"]["method"] == "sgm"
+    assert kept["density"] < 1.0
+    assert filled["density"] == 1.0
+
+
 def test_rectify_reports_and_writes(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = output(
         capsys, "rectify", rendered / "drive", "--rig", rendered / "rig.yaml", "-o", tmp_path / "aligned", "--json"

@@ -9,16 +9,7 @@ from typing import Any
 
 from epiline._core import RectifiedGeometry, StereoCalibration, StereoMatcher, read_kitti_projection
 
-# Chosen on the even-numbered of the 27 scenes that `epiline evaluate` prints, checked on the odd-numbered.
-TESTED = {
-    "block_size": 11,
-    "prefilter_cap": 15,
-    "uniqueness_ratio": 3,
-    "texture_threshold": 10,
-    "left_right_max_diff": 1,
-    "speckle_size": 200,
-    "speckle_range": 1,
-}
+PRESETS = ("fast", "balanced", "accurate")
 
 
 def whole(minimum: int, maximum: int | None = None) -> Callable[[str], int]:
@@ -46,37 +37,48 @@ def positive(text: str) -> float:
 def add_matcher_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("matching")
     group.add_argument(
-        "--disparities", type=whole(1), metavar="N", help="disparities to search, px (default: a sixth of the width)"
+        "--preset",
+        choices=PRESETS,
+        default="fast",
+        help="block matching, or semi-global over three or four paths, each with all tests (default %(default)s)",
+    )
+    group.add_argument(
+        "--disparities",
+        type=whole(1),
+        metavar="N",
+        help="disparities to search, px (default: a sixth of the width)",
     )
     group.add_argument(
         "--min-disparity", type=whole(0), default=0, metavar="N", help="smallest disparity searched, px (default 0)"
     )
-    group.add_argument(
-        "--window",
-        type=whole(1),
-        default=TESTED["block_size"],
-        metavar="N",
-        help="side of the window, odd, px (default %(default)s)",
-    )
-    group.add_argument(
-        "--prefilter", choices=("xsobel", "none"), default="xsobel", help="before comparing (default %(default)s)"
-    )
+    group.add_argument("--window", type=whole(1), metavar="N", help="side of the window, odd, px")
+    group.add_argument("--prefilter", choices=("xsobel", "none"), help="before comparing")
+    group.add_argument("--fill", action="store_true", help="answer every pixel: rejected ones take the background's")
     group.add_argument(
         "--no-tests", action="store_true", help="keep every pixel: no uniqueness, texture, left-right, speckle test"
     )
     group.add_argument("--threads", type=whole(1), metavar="N", help="threads (default: all cores)")
 
 
+_NO_TESTS: dict[str, Any] = {
+    "uniqueness_ratio": 0,
+    "texture_threshold": 0,
+    "left_right_max_diff": None,
+    "speckle_size": 0,
+}
+
+
 def matcher_from(args: argparse.Namespace, width: int) -> StereoMatcher:
     """The matcher that the options describe, for images of this width."""
-    tests: dict[str, Any] = {} if args.no_tests else {k: v for k, v in TESTED.items() if k != "block_size"}
+    given = {"block_size": args.window, "prefilter": args.prefilter}
     return StereoMatcher(
+        preset=args.preset,
         num_disparities=args.disparities or default_disparities(width),
         min_disparity=args.min_disparity,
-        block_size=args.window,
-        prefilter=args.prefilter,
         threads=args.threads,
-        **tests,
+        fill=args.fill,
+        **{name: value for name, value in given.items() if value is not None},
+        **(_NO_TESTS if args.no_tests else {}),
     )
 
 

@@ -54,7 +54,7 @@ def read_configuration(path: Path) -> Configuration:
 
 
 def _matcher(path: Path, table: dict[str, Any]) -> dict[str, Any]:
-    known = StereoMatcher().parameters
+    known = ("preset", *StereoMatcher().parameters)
     for name in table:
         if name not in known:
             raise ValueError(f"{path}: matcher.{name} is unknown; there are {', '.join(known)}")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from epiline._core import StereoMatcher
-from epiline.cli.arguments import TESTED, whole
+from epiline.cli.arguments import whole
 from epiline.cli.console import print_json, print_table, progress, say
 
 if TYPE_CHECKING:
@@ -24,8 +24,11 @@ _COLUMNS = ("density", "bad1_total", "bad2_total", "bad2_matched", "bad1_matched
 # Without tests nothing removes a wrong match, and a larger window makes fewer of them.
 _UNTESTED_WINDOW = 15
 _SETTINGS: dict[str, dict[str, Any]] = {
-    "sad, all tests": TESTED,
-    "sad, no tests": {"block_size": _UNTESTED_WINDOW},
+    "sad, all tests (preset fast)": {"preset": "fast"},
+    "sad, no tests": {"method": "sad", "block_size": _UNTESTED_WINDOW},
+    "sad, all tests, filled": {"preset": "fast", "fill": True},
+    "semi-global, all tests (preset balanced)": {"preset": "balanced"},
+    "semi-global, all tests, filled (preset accurate)": {"preset": "accurate", "fill": True},
 }
 
 

@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from epiline._core import FrameResult, Pipeline, RectifiedGeometry, StereoCalibration, StereoMatcher, alignment_error
-from epiline.cli.arguments import add_matcher_arguments, load_rig, matcher_from, positive, whole
+from epiline.cli.arguments import (
+    add_matcher_arguments,
+    default_disparities,
+    load_rig,
+    matcher_from,
+    positive,
+    whole,
+)
 from epiline.cli.configuration import Configuration, read_configuration
 from epiline.cli.console import print_table, progress, say
 
@@ -71,8 +78,9 @@ def run(args: argparse.Namespace) -> None:
 
 def make_matcher(args: argparse.Namespace, config: Configuration, width: int) -> StereoMatcher:
     """The matcher of the configuration over the options' and defaults."""
-    matcher = matcher_from(args, width)
-    return StereoMatcher(**{**matcher.parameters, **config.matcher}) if config.matcher else matcher
+    if "preset" in config.matcher:
+        return StereoMatcher(**{"num_disparities": default_disparities(width), **config.matcher})
+    return StereoMatcher(**{**matcher_from(args, width).parameters, **config.matcher})
 
 
 def make_pipeline(
