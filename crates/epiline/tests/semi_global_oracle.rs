@@ -264,7 +264,7 @@ proptest! {
             prefilter: if seed % 5 == 0 { Prefilter::None } else { Prefilter::XSobel },
             prefilter_cap: if seed % 3 == 0 { 63 } else { 15 },
             uniqueness_ratio: (seed % 4 * 8) as u8,
-            left_right_max_diff: (seed % 3 > 0).then_some((seed % 3) as u16 - 1),
+            left_right_max_diff: ((seed % 3) as u16).checked_sub(1),
             ..sgm()
         };
         let expected = Oracle { params: &params, scene: &scene }.map();

@@ -14,7 +14,14 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-_PIPELINE = {"equalize": bool, "alignment": bool, "disparity_sigma_px": float, "max_range_m": float, "min_support": int}
+_PIPELINE = {
+    "equalize": bool,
+    "alignment": bool,
+    "disparity_sigma_px": float,
+    "max_range_m": float,
+    "min_support": int,
+    "min_height_m": float,
+}
 
 
 @dataclass(frozen=True)
