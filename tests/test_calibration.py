@@ -242,3 +242,11 @@ def test_bad_input_is_refused_in_words(
         ep.calibrate_points(right, left, boards, SIZE)
     with pytest.raises(ep.Error, match="other end"):
         ep.calibrate_points(left, [right[0][::-1], *right[1:]], boards, SIZE)
+
+
+def test_negative_sizes_are_named() -> None:
+    with pytest.raises(ValueError, match="width = -1"):
+        ep.CameraModel(np.eye(3), np.zeros(5), width=-1, height=3)
+    corners, board = [np.zeros((54, 2))] * 3, [ep.Chessboard().points_m] * 3
+    with pytest.raises(ValueError, match="image_size = -640"):
+        ep.calibrate_points(corners, corners, board, (-640, 480))

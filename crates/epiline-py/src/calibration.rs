@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::camera::{PyStereoCalibration, matrix_array};
-use crate::convert::{OrRaise, rows_of};
+use crate::convert::{OrRaise, rows_of, whole};
 
 /// Adds this file's functions to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -67,12 +67,13 @@ fn calibrate_points(
     left_px: Vec<Bound<'_, PyAny>>,
     right_px: Vec<Bound<'_, PyAny>>,
     board_m: Vec<Bound<'_, PyAny>>,
-    image_size: (usize, usize),
+    image_size: (i64, i64),
     method: &str,
     model: &str,
     loss: &str,
     held_out: bool,
 ) -> PyResult<PyStereoCalibration> {
+    let image_size = (whole("image_size", image_size.0)?, whole("image_size", image_size.1)?);
     let method = choice("method", method, &[("bundle", Method::Bundle), ("tsai", Method::Tsai)])?;
     let lens = choice("model", model, &[("brown4", LensModel::Brown4), ("brown5", LensModel::Brown5)])?;
     let loss = choice("loss", loss, &[("huber", Loss::default()), ("squared", Loss::Squared)])?;

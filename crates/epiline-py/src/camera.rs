@@ -12,7 +12,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{OrRaise, rows_of, vector_of};
+use crate::convert::{OrRaise, rows_of, vector_of, whole};
 
 /// Adds this file's classes and functions to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -77,9 +77,10 @@ impl PyCameraModel {
     fn new(
         camera_matrix: &Bound<'_, PyAny>,
         distortion: &Bound<'_, PyAny>,
-        width: usize,
-        height: usize,
+        width: i64,
+        height: i64,
     ) -> PyResult<Self> {
+        let (width, height) = (whole("width", width)?, whole("height", height)?);
         let k = matrix_of("camera_matrix", camera_matrix)?;
         let pinhole = Matrix3::new(k.m11, 0.0, k.m13, 0.0, k.m22, k.m23, 0.0, 0.0, 1.0);
         // NaN is not equal to itself: it is named below.

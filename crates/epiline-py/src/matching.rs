@@ -9,7 +9,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::convert::{OrRaise, Pixels, grey_image, image_array, mask_image, typed_image};
+use crate::convert::{OrRaise, Pixels, grey_image, image_array, mask_image, typed_image, whole};
 
 /// Disparities of the left image, and per pixel the reasons it has none.
 ///
@@ -124,14 +124,6 @@ impl PyDisparityMap {
             map.density()
         )
     }
-}
-
-/// A parameter that cannot be negative, as the core's type for it.
-fn whole<T: TryFrom<i64>>(name: &'static str, value: i64) -> PyResult<T> {
-    T::try_from(value).map_err(|_| {
-        let expected = if value < 0 { "must not be negative" } else { "is far too large" };
-        PyValueError::new_err(format!("{name} = {value}: {expected}"))
-    })
 }
 
 fn method_name(method: Method) -> &'static str {
