@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
+
+from epiline._json import finite
 
 
 def _console(*, stderr: bool = False) -> Console:
@@ -46,21 +48,10 @@ def _cell(value: object) -> str:
     return "-" if value is None else str(value)
 
 
-def print_json(value: Any) -> None:
+def print_json(value: Mapping[str, Any]) -> None:
     """One JSON document on one line; what is not finite is null."""
     json.dump(finite(value), sys.stdout, allow_nan=False, separators=(", ", ": "))
     sys.stdout.write("\n")
-
-
-def finite(value: Any) -> Any:
-    """The same structure with NaN and infinities as None: JSON has neither."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {str(key): finite(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(entry) for entry in value]
-    return value
 
 
 class Steps:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol, TextIO
 
 from epiline._core import FrameResult, Obstacle, RegionProfile
+from epiline._json import finite
 
 
 class FrameLike(Protocol):
@@ -58,7 +58,7 @@ class JsonLines:
 def frame_record(frame: FrameLike, result: FrameResult) -> dict[str, Any]:
     """A frame's result as plain values; ranges in metres, angles in radians, times in milliseconds."""
     alignment = result.alignment
-    return {
+    record = {
         "seq": frame.seq,
         "name": frame.name,
         "left_stamp_nanos": frame.left_stamp_nanos,
@@ -67,39 +67,37 @@ def frame_record(frame: FrameLike, result: FrameResult) -> dict[str, Any]:
         "alignment": None
         if alignment is None
         else {
-            "median_px": _finite(alignment.median_px),
-            "spread_px": _finite(alignment.spread_px),
+            "median_px": alignment.median_px,
+            "spread_px": alignment.spread_px,
             "matches": alignment.matches,
         },
         "regions": [region_record(profile) for profile in result.profiles],
         "obstacles": [obstacle_record(obstacle) for obstacle in result.obstacles],
-        "stage_ms": {name: _finite(ms) for name, ms in result.stage_ms.items()},
+        "stage_ms": result.stage_ms,
     }
+    return finite(record)
 
 
 def region_record(profile: RegionProfile) -> dict[str, Any]:
     """A region's figures without its columns."""
     region = profile.region
-    return {
+    record = {
         "name": region.name,
         "box": [region.x, region.y, region.width, region.height],
-        "valid_share": _finite(profile.valid_share),
-        "minimum_px": _finite(profile.minimum),
-        "maximum_px": _finite(profile.maximum),
-        "total_px": _finite(profile.total),
-        "range_m": _finite(profile.range_m),
-        "sigma_m": _finite(profile.sigma_m),
+        "valid_share": profile.valid_share,
+        "minimum_px": profile.minimum,
+        "maximum_px": profile.maximum,
+        "total_px": profile.total,
+        "range_m": profile.range_m,
+        "sigma_m": profile.sigma_m,
     }
+    return finite(record)
 
 
 def obstacle_record(obstacle: Obstacle) -> dict[str, Any]:
     """Everything about an obstacle."""
     record: dict[str, Any] = {"id": obstacle.id, "region": obstacle.region, "box": list(obstacle.box)}
     for name in ("range_m", "depth_m", "sigma_m", "bearing_rad", "width_m", "height_m"):
-        record[name] = _finite(getattr(obstacle, name))
+        record[name] = getattr(obstacle, name)
     record["support"] = obstacle.support
-    return record
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return finite(record)

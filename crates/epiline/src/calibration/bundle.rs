@@ -2,7 +2,7 @@
 
 use nalgebra::SVector;
 
-use super::held_out::{self, epipolar_error_px};
+use super::held_out;
 use super::lens::BrownConrady;
 use super::solver::{Bundle, Estimate, Huber, View};
 use super::start::{self, CameraStart};
@@ -32,12 +32,7 @@ pub fn calibrate(
 ) -> Result<StereoCalibration> {
     input::check(views, image_size, MIN_VIEWS)?;
     input::check_loss(options.loss)?;
-    let mut calibration = fit(views, image_size, options)?;
-    calibration.epipolar_error_px = held_out::mean_error_px(views.len(), options.held_out_folds, |fold| {
-        let (train, test) = fold.split(views);
-        epipolar_error_px(&fit(&train, image_size, options)?, &test)
-    });
-    Ok(calibration)
+    held_out::fit_and_test(views, options.held_out_folds, |part| fit(part, image_size, options))
 }
 
 fn fit(

@@ -7,14 +7,14 @@ use crate::camera::{AlignedFrame, StereoCalibration};
 use crate::error::{Error, Result};
 
 /// Which views one fit leaves out: every `step`-th from `first`.
-pub(super) struct Fold {
+struct Fold {
     first: usize,
     step: usize,
 }
 
 impl Fold {
     /// (views to fit, views left out).
-    pub fn split(&self, views: &[BoardView]) -> (Vec<BoardView>, Vec<BoardView>) {
+    fn split(&self, views: &[BoardView]) -> (Vec<BoardView>, Vec<BoardView>) {
         let indexed: (Vec<_>, Vec<_>) =
             views.iter().cloned().enumerate().partition(|(i, _)| i % self.step != self.first);
         let plain = |side: Vec<(usize, BoardView)>| side.into_iter().map(|(_, v)| v).collect();
@@ -22,15 +22,25 @@ impl Fold {
     }
 }
 
+/// Fits all views, and parts of them to measure the rest: the result carries its held-out epipolar error.
+pub(super) fn fit_and_test(
+    views: &[BoardView],
+    folds: usize,
+    fit: impl Fn(&[BoardView]) -> Result<StereoCalibration>,
+) -> Result<StereoCalibration> {
+    let mut calibration = fit(views)?;
+    calibration.epipolar_error_px = mean_error_px(views.len(), folds, |fold| {
+        let (train, test) = fold.split(views);
+        epipolar_error_px(&fit(&train)?, &test)
+    });
+    Ok(calibration)
+}
+
 /// Mean |vertical disparity| over all left-out corners of all folds, pixels.
 ///
 /// `evaluate` fits without a fold's views and returns (sum of errors, corners) over them. NaN if there are fewer
 /// than three views, no folds are wanted, or a part of the views is too little to fit from.
-pub(super) fn mean_error_px(
-    views: usize,
-    folds: usize,
-    evaluate: impl Fn(&Fold) -> Result<(f64, usize)>,
-) -> f64 {
+fn mean_error_px(views: usize, folds: usize, evaluate: impl Fn(&Fold) -> Result<(f64, usize)>) -> f64 {
     const MIN_VIEWS: usize = 3;
     const MIN_VIEWS_PER_FOLD: usize = 4;
     if folds == 0 || views < MIN_VIEWS {
@@ -44,10 +54,7 @@ pub(super) fn mean_error_px(
 }
 
 /// (Sum of |vertical disparity| after rectification, number of corners) over views, pixels.
-pub(super) fn epipolar_error_px(
-    calibration: &StereoCalibration,
-    views: &[BoardView],
-) -> Result<(f64, usize)> {
+fn epipolar_error_px(calibration: &StereoCalibration, views: &[BoardView]) -> Result<(f64, usize)> {
     let frame = AlignedFrame::of(&calibration.right_from_left)?;
     let focal_px = AlignedFrame::common_focal_px(&calibration.left, &calibration.right);
     let (mut sum, mut corners) = (0.0, 0);

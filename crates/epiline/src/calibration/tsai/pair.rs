@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, Matrix3, SMatrix, SVector};
 
 use super::lens::{TsaiLens, brown_from_tsai};
 use super::{Intrinsics, METHOD, Sensor, TsaiCamera, two_stage};
-use crate::calibration::held_out::{self, epipolar_error_px};
+use crate::calibration::held_out;
 use crate::calibration::homography::{Pinhole, image_center, pose};
 use crate::calibration::lens::BrownConrady;
 use crate::calibration::solver::Estimate;
@@ -37,12 +37,7 @@ pub fn calibrate_rig(
 ) -> Result<StereoCalibration> {
     input::check(views, image_size, 1)?;
     input::check_loss(options.loss)?;
-    let mut calibration = fit(views, image_size, options)?;
-    calibration.epipolar_error_px = held_out::mean_error_px(views.len(), options.held_out_folds, |fold| {
-        let (train, test) = fold.split(views);
-        epipolar_error_px(&fit(&train, image_size, options)?, &test)
-    });
-    Ok(calibration)
+    held_out::fit_and_test(views, options.held_out_folds, |part| fit(part, image_size, options))
 }
 
 fn fit(
