@@ -2,15 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from epiline._images import read_image, size_of
 from epiline.sources.base import Frame, Image, Source
 from epiline.sources.pairing import ImagePair
 
 
-class ImagePairs(Source):
+class _Item(NamedTuple):
+    path: Path
+    name: str
+    read: Callable[[], tuple[Image, Image]]
+
+
+class _ImageFiles(Source):
+    """A frame per item; all have the size of the first."""
+
+    def __init__(self, items: Sequence[_Item], kind: str) -> None:
+        if not items:
+            raise ValueError(f"no {kind}")
+        self._items = tuple(items)
+        left, _ = self._items[0].read()
+        self._size = size_of(left)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self._size
+
+    @property
+    def length(self) -> int:
+        return len(self._items)
+
+    def __iter__(self) -> Iterator[Frame]:
+        for seq, item in enumerate(self._items):
+            left, right = item.read()
+            check_same_size(size_of(left), self._size, item.path, self._items[0].path)
+            yield Frame(left, right, seq, None, None, item.name)
+
+
+class ImagePairs(_ImageFiles):
     """Pairs of image files.
 
     Parameters
@@ -22,51 +55,17 @@ class ImagePairs(Source):
     """
 
     def __init__(self, pairs: Sequence[ImagePair], *, unpaired: Sequence[Path] = ()) -> None:
-        if not pairs:
-            raise ValueError("no image pairs")
         self.pairs = tuple(pairs)
         self.unpaired = tuple(unpaired)
-        left, _ = _read_pair(self.pairs[0])
-        self._size = size_of(left)
-
-    @property
-    def size(self) -> tuple[int, int]:
-        return self._size
-
-    @property
-    def length(self) -> int:
-        return len(self.pairs)
-
-    def __iter__(self) -> Iterator[Frame]:
-        for seq, pair in enumerate(self.pairs):
-            left, right = _read_pair(pair)
-            check_same_size(size_of(left), self._size, pair.left, self.pairs[0].left)
-            yield Frame(left, right, seq, None, None, pair.name)
+        super().__init__([_Item(pair.left, pair.name, partial(_read_pair, pair)) for pair in pairs], "image pairs")
 
 
-class SideBySideImages(Source):
+class SideBySideImages(_ImageFiles):
     """Images that hold the left view in their left half and the right view in their right half."""
 
     def __init__(self, files: Sequence[Path]) -> None:
-        if not files:
-            raise ValueError("no images")
         self.files = tuple(files)
-        left, _ = split_side_by_side(read_image(self.files[0]), self.files[0])
-        self._size = size_of(left)
-
-    @property
-    def size(self) -> tuple[int, int]:
-        return self._size
-
-    @property
-    def length(self) -> int:
-        return len(self.files)
-
-    def __iter__(self) -> Iterator[Frame]:
-        for seq, file in enumerate(self.files):
-            left, right = split_side_by_side(read_image(file), file)
-            check_same_size(size_of(left), self._size, file, self.files[0])
-            yield Frame(left, right, seq, None, None, file.stem)
+        super().__init__([_Item(file, file.stem, partial(_read_halves, file)) for file in files], "images")
 
 
 def split_side_by_side(image: Image, path: Path) -> tuple[Image, Image]:
@@ -83,6 +82,10 @@ def check_same_size(size: tuple[int, int], expected: tuple[int, int], path: Path
         raise ValueError(
             f"sizes differ: {path} is {size[0]}x{size[1]} px, {expected_path} is {expected[0]}x{expected[1]} px"
         )
+
+
+def _read_halves(file: Path) -> tuple[Image, Image]:
+    return split_side_by_side(read_image(file), file)
 
 
 def _read_pair(pair: ImagePair) -> tuple[Image, Image]:
