@@ -10,6 +10,8 @@ enum Isa {
     Avx2,
     #[cfg(target_arch = "x86_64")]
     Avx512,
+    #[cfg(target_arch = "aarch64")]
+    Neon,
 }
 
 impl Isa {
@@ -19,6 +21,8 @@ impl Isa {
         Self::Avx2,
         #[cfg(target_arch = "x86_64")]
         Self::Avx512,
+        #[cfg(target_arch = "aarch64")]
+        Self::Neon,
     ];
 
     fn is_available(self) -> bool {
@@ -37,6 +41,8 @@ impl Isa {
                     && is_x86_feature_detected!("avx512bw")
                     && is_x86_feature_detected!("avx512vl")
             }
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => std::arch::is_aarch64_feature_detected!("neon"),
         }
     }
 }
@@ -62,6 +68,12 @@ impl Level {
     #[cfg(target_arch = "x86_64")]
     pub fn avx512() -> Option<Self> {
         Isa::Avx512.is_available().then_some(Self(Isa::Avx512))
+    }
+
+    /// NEON, which every 64-bit Arm processor has in practice.
+    #[cfg(target_arch = "aarch64")]
+    pub fn neon() -> Option<Self> {
+        Isa::Neon.is_available().then_some(Self(Isa::Neon))
     }
 
     /// Every level this processor has, [`SCALAR`](Self::SCALAR) first.
@@ -100,6 +112,8 @@ impl Level {
             Isa::Avx2 => "avx2",
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 => "avx512",
+            #[cfg(target_arch = "aarch64")]
+            Isa::Neon => "neon",
         }
     }
 }

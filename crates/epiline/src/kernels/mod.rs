@@ -108,7 +108,7 @@ impl Kernels {
             if Some(level) == Level::avx512() {
                 return Self {
                     lane_block: sad::avx512::LANE_BLOCK,
-                    add_u16: sad::add_u16::avx512,
+                    add_u16: sad::avx512::add_row,
                     add_u32: sad::add_u32::avx512,
                     sad_u16: sad::avx512::sad_row,
                     scratch_u16: sad::vector::scratch_len,
@@ -129,7 +129,7 @@ impl Kernels {
             if Some(level) == Level::avx2() {
                 return Self {
                     lane_block: sad::avx2::LANE_BLOCK,
-                    add_u16: sad::add_u16::avx2,
+                    add_u16: sad::avx2::add_row,
                     add_u32: sad::add_u32::avx2,
                     sad_u16: sad::avx2::sad_row,
                     scratch_u16: sad::vector::scratch_len,
@@ -147,6 +147,17 @@ impl Kernels {
                     ..kernels
                 };
             }
+        }
+        #[cfg(target_arch = "aarch64")]
+        if Some(level) == Level::neon() {
+            // What is portable is compiled with NEON anyway: the target has it.
+            return Self {
+                lane_block: sad::neon::LANE_BLOCK,
+                add_u16: sad::neon::add_row,
+                sad_u16: sad::neon::sad_row,
+                scratch_u16: sad::vector::scratch_len,
+                ..kernels
+            };
         }
         kernels
     }

@@ -35,48 +35,62 @@ impl<C> SelectRow<'_, C> {
     }
 }
 
-/// The vertex of two lines of equal and opposite slope through three costs, in 1/256 px toward the lane before.
-///
-/// `(after - before) / (2 (max(before, after) - best))`, between -1/2 and 1/2, rounded toward zero as OpenCV does. Single
-/// precision is exact for 16-bit costs: the numerator is below 2²⁴, and a quotient that is not whole is at least
-/// `1/(2·65 535)` from the next whole number while the rounding error of one below 128 is at most `2⁻¹⁸`.
-#[inline(always)]
-fn vertex_f32(before: i32, best: i32, after: i32) -> i32 {
-    // Steepest is 0 only if both neighbours tie with the best; the numerator is then 0 too.
-    let steepest = (2 * (before.max(after) - best)).max(1);
-    let quotient = ((after - before) * 256) as f32 / steepest as f32;
-    // SAFETY: finite, and at most 128 in size. (A checked conversion is not vectorised.)
-    unsafe { quotient.to_int_unchecked() }
+/// Costs from which a sub-pixel position follows without a rounding error.
+trait Vertex: Cost {
+    /// The vertex of two lines of equal and opposite slope through three costs, in 1/256 px toward the lane before.
+    ///
+    /// `(after - before) / (2 (max(before, after) - best))`, between -1/2 and 1/2, rounded toward zero as OpenCV does.
+    fn vertex(before: i32, best: i32, after: i32) -> i32;
 }
 
-/// The same for 32-bit costs, of which there are none above `255·31²`.
+/// Twice the steeper of both slopes. It is 0 only if both neighbours tie with the best; the numerator is then 0 too.
 #[inline(always)]
-fn vertex_f64(before: i32, best: i32, after: i32) -> i32 {
-    let steepest = (2 * (before.max(after) - best)).max(1);
-    let quotient = f64::from((after - before) * 256) / f64::from(steepest);
-    // SAFETY: finite, and at most 128 in size.
-    unsafe { quotient.to_int_unchecked() }
+fn steepest(before: i32, best: i32, after: i32) -> i32 {
+    (2 * (before.max(after) - best)).max(1)
 }
 
-/// Columns at a time: what is done with local arrays of a constant size is vectorised at every level.
+impl Vertex for u16 {
+    /// Single precision is exact: the numerator is below 2²⁴, and a quotient that is not whole is at least
+    /// `1/(2·65 535)` from the next whole number while the rounding error of one below 128 is at most `2⁻¹⁸`.
+    #[inline(always)]
+    fn vertex(before: i32, best: i32, after: i32) -> i32 {
+        let quotient = ((after - before) * 256) as f32 / steepest(before, best, after) as f32;
+        // SAFETY: finite, and at most 128 in size. (A checked conversion is not vectorised.)
+        unsafe { quotient.to_int_unchecked() }
+    }
+}
+
+impl Vertex for u32 {
+    /// There are no costs above `255·31²`.
+    #[inline(always)]
+    fn vertex(before: i32, best: i32, after: i32) -> i32 {
+        let quotient = f64::from((after - before) * 256) / f64::from(steepest(before, best, after));
+        // SAFETY: finite, and at most 128 in size.
+        unsafe { quotient.to_int_unchecked() }
+    }
+}
+
+/// Columns at a time: what is done with local arrays of a constant size is vectorised at every level. No closures: they
+/// are compiled without the instruction set unless they happen to be inlined early.
 const CHUNK: usize = 16;
 
 #[inline(always)]
-fn select_row<C: Cost>(row: &mut SelectRow<'_, C>, vertex: impl Fn(i32, i32, i32) -> i32) {
+fn select_row<C: Vertex>(row: &mut SelectRow<'_, C>) {
     let (chosen, chosen_rest) = row.chosen.as_chunks::<CHUNK>();
     let (rivals, rivals_rest) = row.rivals.as_chunks::<CHUNK>();
     let rule = Rule::of(row);
     let (values, values_rest) = row.values.as_chunks_mut::<CHUNK>();
     let (bits, bits_rest) = row.bits.as_chunks_mut::<CHUNK>();
     for (((chosen, rivals), values), bits) in chosen.iter().zip(rivals).zip(values).zip(bits) {
-        (*values, *bits) = rule.select(chosen, rivals, &vertex);
+        rule.select(chosen, rivals, values, bits);
     }
     let rest = chosen_rest.len();
     let mut chosen = [Choice::NONE; CHUNK];
     let mut rivals = [0; CHUNK];
     chosen[..rest].copy_from_slice(chosen_rest);
     rivals[..rest].copy_from_slice(rivals_rest);
-    let (values, bits) = rule.select(&chosen, &rivals, &vertex);
+    let (mut values, mut bits) = ([0; CHUNK], [0; CHUNK]);
+    rule.select(&chosen, &rivals, &mut values, &mut bits);
     values_rest.copy_from_slice(&values[..rest]);
     bits_rest.copy_from_slice(&bits[..rest]);
 }
@@ -88,6 +102,12 @@ struct Rule {
     uniqueness_ratio: u32,
     no_candidate: u8,
     not_unique: u8,
+}
+
+/// A blocked 32-bit cost becomes -1; a 16-bit one stays larger than any other. Only equality is asked of it.
+#[inline(always)]
+fn signed<C: Cost>(cost: C) -> i32 {
+    cost.to_u32().cast_signed()
 }
 
 impl Rule {
@@ -102,53 +122,53 @@ impl Rule {
     }
 
     #[inline(always)]
-    fn select<C: Cost>(
+    fn select<C: Vertex>(
         &self,
         chosen: &[Choice<C>; CHUNK],
         rivals: &[u16; CHUNK],
-        vertex: impl Fn(i32, i32, i32) -> i32,
-    ) -> ([u16; CHUNK], [u8; CHUNK]) {
-        // A blocked 32-bit cost becomes -1; a 16-bit one stays larger than any other. Only equality is asked of it.
-        let signed = |cost: C| cost.to_u32().cast_signed();
+        values: &mut [u16; CHUNK],
+        bits: &mut [u8; CHUNK],
+    ) {
         let blocked = signed(C::BLOCKED);
         let (mut before, mut best, mut after) = ([0; CHUNK], [0; CHUNK], [0; CHUNK]);
         let mut whole_256 = [0; CHUNK];
-        for (i, choice) in chosen.iter().enumerate() {
+        for i in 0..CHUNK {
+            let choice = chosen[i];
             (before[i], best[i], after[i]) =
                 (signed(choice.before), signed(choice.best), signed(choice.after));
             // Lanes run downward in disparity.
             whole_256[i] = self.first_disparity_256 - signed(choice.lane) * 256;
         }
-        let mut values = [0; CHUNK];
         for i in 0..CHUNK {
             let refined = self.subpixel & (before[i] != blocked) & (after[i] != blocked);
             // A blocked neighbour stands in as a tie, so that the arithmetic is harmless.
-            let [before, after] = [before[i], after[i]].map(|cost| if refined { cost } else { best[i] });
-            let disparity_256 = whole_256[i] + vertex(before, best[i], after);
+            let before = if refined { before[i] } else { best[i] };
+            let after = if refined { after[i] } else { best[i] };
+            let disparity_256 = whole_256[i] + C::vertex(before, best[i], after);
             values[i] = if best[i] == blocked { 0 } else { ((disparity_256 + 15) >> 4) as u16 };
+            bits[i] = if best[i] == blocked { self.no_candidate } else { 0 };
         }
-        let mut bits = best.map(|best| if best == blocked { self.no_candidate } else { 0 });
         if self.uniqueness_ratio > 0 {
             for i in 0..CHUNK {
                 let limit = rival_limit(best[i].cast_unsigned(), self.uniqueness_ratio).cast_signed();
-                let is_rival = |cost: i32| i32::from((cost != blocked) & (cost <= limit));
-                let own = 1 + is_rival(before[i]) + is_rival(after[i]);
+                let before = (before[i] != blocked) & (before[i] <= limit);
+                let after = (after[i] != blocked) & (after[i] <= limit);
+                let own = 1 + i32::from(before) + i32::from(after);
                 let rivalled = (best[i] != blocked) & (i32::from(rivals[i]) != own);
                 bits[i] |= if rivalled { self.not_unique } else { 0 };
             }
         }
-        (values, bits)
     }
 }
 
 #[inline(always)]
 pub(super) fn narrow(row: &mut SelectRow<'_, u16>) {
-    select_row(row, vertex_f32);
+    select_row(row);
 }
 
 #[inline(always)]
 pub(super) fn wide(row: &mut SelectRow<'_, u32>) {
-    select_row(row, vertex_f64);
+    select_row(row);
 }
 
 portable!(select_u16, narrow, SelectRow<'_, u16>);

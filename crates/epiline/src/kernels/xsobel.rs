@@ -39,8 +39,9 @@ pub(super) fn xsobel_row(row: &mut XSobelRow<'_>) {
     let n = inner.len();
     let (above, middle, below) = (&row.above[..n + 2], &row.middle[..n + 2], &row.below[..n + 2]);
     for x in 0..n {
-        let step = |pixels: &[u8]| i16::from(pixels[x + 2]) - i16::from(pixels[x]);
-        let derivative = step(above) + 2 * step(middle) + step(below);
+        let before = i16::from(above[x]) + 2 * i16::from(middle[x]) + i16::from(below[x]);
+        let after = i16::from(above[x + 2]) + 2 * i16::from(middle[x + 2]) + i16::from(below[x + 2]);
+        let derivative = after - before;
         inner[x] = (derivative.clamp(-cap, cap) + cap) as u8;
     }
 }

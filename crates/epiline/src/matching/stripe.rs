@@ -49,9 +49,9 @@ impl Frame<'_> {
 pub(super) struct Stripe<C> {
     column_sums: AlignedVec<C>,
     scratch: AlignedVec<C>,
-    blocked_left: AlignedVec<C>,
-    blocked_right: AlignedVec<C>,
-    blocked_lanes: AlignedVec<C>,
+    blocked_left: AlignedVec<u8>,
+    blocked_right: AlignedVec<u8>,
+    blocked_lanes: AlignedVec<u8>,
     chosen: Vec<Choice<C>>,
     rivals: Vec<u16>,
     nearby: Vec<C>,
@@ -76,11 +76,11 @@ impl<C: CostKernels> Stripe<C> {
         let padded = width + lanes - 1;
         self.column_sums.reset(width * lanes, C::ZERO);
         self.scratch.reset(C::scratch_len(frame.kernels, shape), C::BLOCKED);
-        self.blocked_left.reset(width, C::ZERO);
-        self.blocked_right.reset(padded, C::ZERO);
-        self.blocked_right[..(frame.params.min_disparity + lanes - 1).min(padded)].fill(C::BLOCKED);
-        self.blocked_lanes.reset(lanes, C::ZERO);
-        self.blocked_lanes[..lanes - frame.params.num_disparities].fill(C::BLOCKED);
+        self.blocked_left.reset(width, 0);
+        self.blocked_right.reset(padded, 0);
+        self.blocked_right[..(frame.params.min_disparity + lanes - 1).min(padded)].fill(u8::MAX);
+        self.blocked_lanes.reset(lanes, 0);
+        self.blocked_lanes[..lanes - frame.params.num_disparities].fill(u8::MAX);
         self.chosen.resize(width, Choice::NONE);
         self.rivals.resize(width, 0);
         self.nearby.resize(width, C::BLOCKED);
@@ -171,8 +171,8 @@ impl<C: CostKernels> Stripe<C> {
 }
 
 /// Pixels without source become blocked.
-fn block<C: CostKernels>(blocked: &mut [C], valid: &[u8]) {
+fn block(blocked: &mut [u8], valid: &[u8]) {
     for (blocked, &valid) in blocked.iter_mut().zip(valid) {
-        *blocked = if valid == 0 { C::BLOCKED } else { C::ZERO };
+        *blocked = if valid == 0 { u8::MAX } else { 0 };
     }
 }

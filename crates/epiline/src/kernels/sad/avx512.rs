@@ -2,8 +2,8 @@
 
 use std::arch::x86_64::*;
 
-use super::vector::{self, Column, Lanes};
-use super::{Choice, Cost, SadRow};
+use super::vector::{self, Column, Lanes, SplitLanes};
+use super::{AddRow, SadRow};
 
 /// Two vectors of costs.
 pub const LANE_BLOCK: usize = 64;
@@ -20,17 +20,13 @@ pub unsafe fn sad_row(row: &mut SadRow<'_, u16>) {
     unsafe { vector::dispatch::<U16x32>(row) }
 }
 
-/// `|left - right[i]|` for 64 pixels.
+/// See [`AddRow`].
 ///
 /// # Safety
-/// As [`Lanes`]; `right` is followed by 64 readable bytes.
-#[inline(always)]
-unsafe fn difference_u8x64(left: u8, right: *const u8) -> __m512i {
+/// As [`sad_row`].
+pub unsafe fn add_row(row: &mut AddRow<'_, u16>) {
     // SAFETY: the caller's.
-    unsafe {
-        let (left, right) = (_mm512_set1_epi8(left.cast_signed()), _mm512_loadu_si512(right.cast()));
-        _mm512_sub_epi8(_mm512_max_epu8(left, right), _mm512_min_epu8(left, right))
-    }
+    unsafe { U16x32::add_row(row) }
 }
 
 /// Lane numbers 1 to 32: of two vectors side by side, all but the first lane.
@@ -44,48 +40,45 @@ const FROM_SECOND_U16X32: [u16; 32] = {
     lanes
 };
 
+/// The most pairs of vectors there are.
+const MAX_PAIRS: usize = 32;
+
+/// For each even lane: where it, the odd one after it, and the lanes beside both are, in the order of lanes. A position is
+/// 64 times the number of the pair, plus 32 in its odd vector, plus that in the vector. What does not exist is anywhere.
+static PICKED_U16X4: [u64; 32 * MAX_PAIRS] = {
+    let mut picked = [0; 32 * MAX_PAIRS];
+    let mut at = 0;
+    while at < picked.len() {
+        let mut i = 0;
+        while i < 4 {
+            let lane = (2 * at + i).saturating_sub(1) as u64;
+            let position = lane / 64 * 64 + lane % 2 * 32 + lane % 64 / 2;
+            picked[at] |= (position & 0x7FF) << (16 * i);
+            i += 1;
+        }
+        at += 1;
+    }
+    picked
+};
+
+/// Bytes as words: even ones, odd ones.
+///
+/// # Safety
+/// The processor has AVX-512 BW.
+#[inline(always)]
+unsafe fn widen_i8x64(i8x64: __m512i) -> [U16x32; 2] {
+    // SAFETY: the caller's.
+    unsafe {
+        [
+            U16x32(_mm512_maddubs_epi16(_mm512_set1_epi16(0x0001), i8x64)),
+            U16x32(_mm512_maddubs_epi16(_mm512_set1_epi16(0x0100), i8x64)),
+        ]
+    }
+}
+
 // SAFETY of every block below: the caller of a function of `Lanes` proves AVX-512 and, for pointers, what they point at.
 impl Lanes for U16x32 {
     const COUNT: usize = 32;
-
-    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(row: &mut SadRow<'_, u16>) {
-        #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx2,bmi1,popcnt")]
-        unsafe fn compiled<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(
-            row: &mut SadRow<'_, u16>,
-        ) {
-            // SAFETY: the caller's.
-            unsafe { vector::sad_row::<U16x32, P, SMALL, LEFT_RIGHT>(row) }
-        }
-        // SAFETY: see above.
-        unsafe { compiled::<P, SMALL, LEFT_RIGHT>(row) }
-    }
-
-    const PICKS_LANES: bool = true;
-
-    #[inline(always)]
-    unsafe fn choice<const P: usize>(costs: &Column<Self, P>, lane: usize) -> Choice<u16> {
-        // SAFETY: see above.
-        unsafe {
-            let lanes = _mm512_add_epi16(
-                Self::splat(lane as u16).0,
-                _mm512_zextsi128_si512(_mm_setr_epi16(-1, 0, 1, 0, 0, 0, 0, 0)),
-            );
-            // A permutation looks at the low six bits of a lane number, one of the pair's 64; the others say which pair.
-            let mut picked = _mm512_permutex2var_epi16(costs[0][0].0, lanes, costs[0][1].0);
-            for (p, pair) in costs.iter().enumerate().skip(1) {
-                let from = Self::splat(64 * p as u16).0;
-                let here = _mm512_cmpge_epu16_mask(lanes, from);
-                let of_pair = _mm512_permutex2var_epi16(pair[0].0, lanes, pair[1].0);
-                picked = _mm512_mask_mov_epi16(picked, here, of_pair);
-            }
-            let outside = _mm512_cmpge_epu16_mask(lanes, Self::splat(64 * P as u16).0);
-            picked = _mm512_mask_mov_epi16(picked, outside, Self::splat(u16::BLOCKED).0);
-            // The fourth of them is the lane itself.
-            let choice = _mm512_mask_mov_epi16(picked, 0b1000, lanes);
-            // SAFETY: four 16-bit numbers in the order of `Choice`, whose layout is C's.
-            std::mem::transmute(_mm_cvtsi128_si64(_mm512_castsi512_si128(choice)))
-        }
-    }
 
     #[inline(always)]
     unsafe fn splat(value: u16) -> Self {
@@ -158,19 +151,47 @@ impl Lanes for U16x32 {
     #[inline(always)]
     unsafe fn equal_bits(pair: [Self; 2], other: Self) -> u64 {
         // SAFETY: see above.
-        let [low, high] = pair.map(|lanes| u64::from(unsafe { _mm512_cmpeq_epi16_mask(lanes.0, other.0) }));
-        low | high << 32
+        unsafe {
+            let low = _mm512_cmpeq_epi16_mask(pair[0].0, other.0);
+            let high = _mm512_cmpeq_epi16_mask(pair[1].0, other.0);
+            u64::from(low) | u64::from(high) << 32
+        }
     }
 
     #[inline(always)]
     unsafe fn count_at_most(pair: [Self; 2], limit: Self) -> u32 {
         // SAFETY: see above.
-        let [low, high] = pair.map(|lanes| u64::from(unsafe { _mm512_cmple_epu16_mask(lanes.0, limit.0) }));
-        (low | high << 32).count_ones()
+        unsafe {
+            let low = _mm512_cmple_epu16_mask(pair[0].0, limit.0);
+            let high = _mm512_cmple_epu16_mask(pair[1].0, limit.0);
+            (u64::from(low) | u64::from(high) << 32).count_ones()
+        }
+    }
+}
+
+impl SplitLanes for U16x32 {
+    const PICKS: bool = true;
+
+    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(row: &mut SadRow<'_, u16>) {
+        #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx2,bmi1,popcnt")]
+        unsafe fn compiled<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(
+            row: &mut SadRow<'_, u16>,
+        ) {
+            // SAFETY: the caller's.
+            unsafe { vector::sad_row::<U16x32, P, SMALL, LEFT_RIGHT>(row) }
+        }
+        // SAFETY: see above.
+        unsafe { compiled::<P, SMALL, LEFT_RIGHT>(row) }
+    }
+
+    #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx2,bmi1,popcnt")]
+    unsafe fn add_row(row: &mut AddRow<'_, u16>) {
+        // SAFETY: see above.
+        unsafe { vector::add_row::<Self>(row) }
     }
 
     #[inline(always)]
-    unsafe fn small_change(
+    unsafe fn change<const SMALL: bool>(
         left_in: u8,
         right_in: *const u8,
         left_out: u8,
@@ -178,29 +199,73 @@ impl Lanes for U16x32 {
     ) -> [Self; 2] {
         // SAFETY: see above.
         unsafe {
-            let (entering, leaving) =
-                (difference_u8x64(left_in, right_in), difference_u8x64(left_out, right_out));
-            let i8x64 = _mm512_sub_epi8(entering, leaving);
+            let (left_in, left_out) =
+                (_mm512_set1_epi8(left_in.cast_signed()), _mm512_set1_epi8(left_out.cast_signed()));
+            let (right_in, right_out) =
+                (_mm512_loadu_si512(right_in.cast()), _mm512_loadu_si512(right_out.cast()));
+            if SMALL {
+                let entering = _mm512_abs_epi8(_mm512_sub_epi8(left_in, right_in));
+                let leaving = _mm512_abs_epi8(_mm512_sub_epi8(left_out, right_out));
+                return widen_i8x64(_mm512_sub_epi8(entering, leaving));
+            }
+            let entering =
+                _mm512_sub_epi8(_mm512_max_epu8(left_in, right_in), _mm512_min_epu8(left_in, right_in));
+            let leaving =
+                _mm512_sub_epi8(_mm512_max_epu8(left_out, right_out), _mm512_min_epu8(left_out, right_out));
+            let even = _mm512_set1_epi16(0xFF);
             [
-                Self(_mm512_cvtepi8_epi16(_mm512_castsi512_si256(i8x64))),
-                Self(_mm512_cvtepi8_epi16(_mm512_extracti64x4_epi64::<1>(i8x64))),
+                Self(_mm512_sub_epi16(_mm512_and_si512(entering, even), _mm512_and_si512(leaving, even))),
+                Self(_mm512_sub_epi16(_mm512_srli_epi16::<8>(entering), _mm512_srli_epi16::<8>(leaving))),
             ]
         }
     }
 
     #[inline(always)]
-    unsafe fn change(left_in: u8, right_in: *const u8, left_out: u8, right_out: *const u8) -> [Self; 2] {
+    unsafe fn blocked(left: u8, right: *const u8, lanes: *const u8) -> [Self; 2] {
         // SAFETY: see above.
         unsafe {
-            let widen = |u8x64: __m512i| {
-                [
-                    _mm512_cvtepu8_epi16(_mm512_castsi512_si256(u8x64)),
-                    _mm512_cvtepu8_epi16(_mm512_extracti64x4_epi64::<1>(u8x64)),
-                ]
-            };
-            let entering = widen(difference_u8x64(left_in, right_in));
-            let leaving = widen(difference_u8x64(left_out, right_out));
-            [0, 1].map(|half| Self(_mm512_sub_epi16(entering[half], leaving[half])))
+            let (right, lanes) = (_mm512_loadu_si512(right.cast()), _mm512_loadu_si512(lanes.cast()));
+            let left = _mm512_set1_epi8(left.cast_signed());
+            widen_i8x64(_mm512_or_si512(left, _mm512_or_si512(right, lanes)))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn first_equal<const P: usize>(vectors: &[Self; P], best: Self) -> usize {
+        // SAFETY: see above.
+        unsafe {
+            if P == 1 {
+                return _mm512_cmpeq_epi16_mask(vectors[0].0, best.0).trailing_zeros() as usize;
+            }
+            // From the last pair of vectors to the first; without a branch, as no one could predict it.
+            let mut lane = 0;
+            let mut p = P.next_multiple_of(2);
+            while p > 0 {
+                p -= 2;
+                let low = u64::from(_mm512_cmpeq_epi16_mask(vectors[p].0, best.0));
+                let high = if p + 1 < P { _mm512_cmpeq_epi16_mask(vectors[p + 1].0, best.0) } else { 0 };
+                let bits = low | u64::from(high) << 32;
+                let here = 32 * p + bits.trailing_zeros() as usize;
+                lane = if bits != 0 { here } else { lane };
+            }
+            lane
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn pick<const P: usize>(costs: &Column<Self, P>, at: usize) -> u64 {
+        // SAFETY: see above; there are `16 * MAX_PAIRS` entries, and `at` is a lane of `P` vectors.
+        unsafe {
+            // A permutation looks at the low six bits of a number, one of the pair's 64 lanes; the others say which pair.
+            let lanes = _mm_cvtsi64_si128(PICKED_U16X4.get_unchecked(at).cast_signed());
+            let wide = _mm512_zextsi128_si512(lanes);
+            let mut picked = _mm512_permutex2var_epi16(costs[0][0].0, wide, costs[0][1].0);
+            for p in 1..P {
+                let here = _mm_cmpge_epu16_mask(lanes, _mm_set1_epi16(64 * p as i16));
+                let of_pair = _mm512_permutex2var_epi16(costs[p][0].0, wide, costs[p][1].0);
+                picked = _mm512_mask_mov_epi16(picked, here.into(), of_pair);
+            }
+            _mm_cvtsi128_si64(_mm512_castsi512_si128(picked)).cast_unsigned()
         }
     }
 }

@@ -22,8 +22,10 @@
 pub(super) mod avx2;
 #[cfg(target_arch = "x86_64")]
 pub(super) mod avx512;
+#[cfg(target_arch = "aarch64")]
+pub(super) mod neon;
 pub mod reference;
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(super) mod vector;
 
 use super::portable;
@@ -83,7 +85,7 @@ pub fn fits_u16(largest_difference: u8, block_size: usize) -> bool {
     usize::from(largest_difference) * block_size * block_size < usize::from(u16::BLOCKED)
 }
 
-/// The next number of lanes that kernels are built for: 1, 2, 3, 4, 6, 8, 16 or 32 blocks.
+/// The next number of lanes that kernels are built for: 1, 2, 3, 4, 6, 8, 16, 32 or 64 blocks.
 pub(super) fn padded_lanes(num_disparities: usize, lane_block: usize) -> usize {
     let blocks = num_disparities.div_ceil(lane_block);
     let power = blocks.next_power_of_two();
@@ -114,7 +116,7 @@ pub struct AddRow<'a, C> {
     pub lanes: usize,
     /// The row.
     pub row: RowPair<'a>,
-    /// `width * lanes` sums.
+    /// `width * lanes` sums; the lanes of a column in the order of the kernels' level.
     pub column_sums: &'a mut [C],
 }
 
@@ -163,8 +165,6 @@ pub struct RowShape {
     pub left_right_reach: Option<usize>,
 }
 
-impl RowShape {}
-
 /// One row of window sums, and what the tests need to know about them.
 #[derive(Debug)]
 pub struct SadRow<'a, C> {
@@ -174,12 +174,12 @@ pub struct SadRow<'a, C> {
     pub entering: RowPair<'a>,
     /// The row that leaves it.
     pub leaving: RowPair<'a>,
-    /// Per left column: 0, or [`Cost::BLOCKED`] if it has no source.
-    pub blocked_left: &'a [C],
-    /// Per padded right column (indexed as [`RowPair::right`]): 0, or [`Cost::BLOCKED`] if outside or without source.
-    pub blocked_right: &'a [C],
-    /// Per lane: 0, or [`Cost::BLOCKED`] where it is not a disparity asked for.
-    pub blocked_lanes: &'a [C],
+    /// Per left column: 0, or 255 if it has no source.
+    pub blocked_left: &'a [u8],
+    /// Per padded right column (indexed as [`RowPair::right`]): 0, or 255 if outside or without source.
+    pub blocked_right: &'a [u8],
+    /// Per lane: 0, or 255 where it is not a disparity asked for.
+    pub blocked_lanes: &'a [u8],
     /// In: sums over the window above. Out: over this row's window. `width * lanes`.
     pub column_sums: &'a mut [C],
     /// As many cells as [`CostKernels::scratch_len`](super::CostKernels::scratch_len) says, all [`Cost::BLOCKED`]
@@ -217,7 +217,6 @@ impl<C> SadRow<'_, C> {
     }
 }
 
-portable!(add_u16, reference::add_row, AddRow<'_, u16>);
 portable!(add_u32, reference::add_row, AddRow<'_, u32>);
 portable!(sad_u32, reference::sad_row, SadRow<'_, u32>);
 

@@ -82,7 +82,7 @@ fn block<C: Cost>(row: &mut SadRow<'_, C>) {
         let costs = &mut row.scratch[x * row.shape.lanes..(x + 1) * row.shape.lanes];
         let blocked = row.blocked_right[x..].iter().zip(row.blocked_lanes);
         for (cost, (&right, &lane)) in costs.iter_mut().zip(blocked) {
-            *cost = (*cost).max(row.blocked_left[x]).max(right).max(lane);
+            *cost = if row.blocked_left[x] | right | lane == 0 { *cost } else { C::BLOCKED };
         }
     }
 }

@@ -7,32 +7,38 @@
 //!     h         = H, blocked where not a candidate
 //!     best      = minimum over the lanes of h;  lane = first lane of h that equals it
 //!     R         = min(R, h);  right_best[x] = R[0];  shift R down one lane
-//!     ring[x]   = h
-//!     read costs beside the best of column x - 8 from the ring
+//!     costs beside the best
 //! ```
 //!
 //! Where it leaves the reference, and why:
 //!
 //! 1. Columns slide down and along in one pass, so that a column sum is loaded, updated, used and stored once.
-//! 2. Differences are formed in bytes. If none exceeds 127, the difference of two of them fits a signed byte and is
-//!    widened once instead of twice (`SMALL`).
-//! 3. The costs of a pixel never form a row in memory. What is needed beside the best is read back from a ring of a few
-//!    pixels, [`BATCH`] pixels late: a load that straddles recent stores waits until they have left the core.
-//! 4. The right image's best match needs no index. Lanes of column `x` belong to consecutive right pixels, one further
+//! 2. Lanes are *split*: of each pair of vectors, the first holds the even, the second the odd lanes of a vector of
+//!    bytes. Bytes become words by one multiplication per vector, `[b0, b1] · [1, 0]`, instead of moves across the
+//!    whole vector; the smaller of both vectors narrows the search for the best lane to two; and shifting all lanes by
+//!    one moves only every other vector. Column sums are kept in this order too.
+//! 3. Differences are formed in bytes. If none exceeds 127, the difference of two of them fits a signed byte (`SMALL`).
+//! 4. The costs of a pixel never form a row in memory. Of an even lane, the odd one after it and the two beside them,
+//!    four costs are picked from the registers or, where there is no permutation for that (`PICKS`), read back from a
+//!    ring of a few pixels, [`BATCH`] pixels late: a load that straddles recent stores waits until they have left the
+//!    core. Which of the two is best is decided afterwards, for many pixels at once.
+//! 5. The right image's best match needs no index. Lanes of column `x` belong to consecutive right pixels, one further
 //!    per column, so one vector set `R`, shifted a lane per column, collects every right pixel's smallest cost. A left
 //!    pixel agrees with the right image if that cost occurs near its own disparity ([`SadRow::nearby`]).
-//! 5. The number of vectors is a constant, so that `H` and `R` are registers; [`padded_lanes`](super::padded_lanes)
+//! 6. The number of vectors is a constant, so that `H` and `R` are registers; [`padded_lanes`](super::padded_lanes)
 //!    rounds up to one that exists.
+//! 7. No intrinsic is called in a closure: a closure is compiled without the instruction set unless it happens to be
+//!    inlined early.
 
-use super::reference::rival_limit;
-use super::{Choice, Cost, RowPair, RowShape, SadRow};
+use super::{AddRow, Choice, Cost, RowPair, RowShape, SadRow};
 
 /// Pixels whose costs are computed before the first of them are read back.
-const BATCH: usize = 8;
+const BATCH: usize = 16;
 
-/// Cells between the pixels of the ring: they stay blocked, and stand for lanes that do not exist.
+/// Cells after the even and after the odd lanes of a pixel in the ring, half of the lanes that [`SadRow::nearby`] may
+/// reach beyond the first or last: they stay blocked.
 fn guard(shape: &RowShape) -> usize {
-    shape.left_right_reach.unwrap_or(0).max(1).next_multiple_of(32)
+    (shape.left_right_reach.unwrap_or(0) / 2 + 2).next_multiple_of(32)
 }
 
 /// Pixels in the ring: two batches and, to each side of what is still to be read, the reach. A power of two.
@@ -40,21 +46,19 @@ fn ring_len(shape: &RowShape) -> usize {
     (2 * BATCH + 3 * shape.left_right_reach.unwrap_or(0)).next_power_of_two()
 }
 
-/// Cells of scratch memory: the ring with a guard before, between and after its pixels.
+/// Cells of scratch memory: the ring with a guard before, between and after its pixels' even and odd lanes.
 pub fn scratch_len(shape: &RowShape) -> usize {
-    guard(shape) + ring_len(shape) * (shape.lanes + guard(shape))
+    guard(shape) + ring_len(shape) * (shape.lanes + 2 * guard(shape))
 }
 
-/// A vector of `u16` costs of one instruction set.
+/// A vector of `u16` of one instruction set.
 ///
 /// # Safety
 /// Every function requires that the processor has that instruction set. They are inlined into a function compiled for
 /// it, so that the intrinsics are too.
 pub(in crate::kernels) trait Lanes: Copy {
-    /// Costs per vector. A pair of vectors has a cost for each byte of one vector.
+    /// Lanes per vector. A pair of vectors has a lane for each byte of one vector.
     const COUNT: usize;
-    /// [`sad_row`], compiled for the instruction set.
-    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(row: &mut SadRow<'_, u16>);
     unsafe fn splat(value: u16) -> Self;
     unsafe fn load(from: *const u16) -> Self;
     unsafe fn store(self, to: *mut u16);
@@ -72,29 +76,37 @@ pub(in crate::kernels) trait Lanes: Copy {
     unsafe fn equal_bits(pair: [Self; 2], other: Self) -> u64;
     /// How many lanes of the pair are at most those of `limit`.
     unsafe fn count_at_most(pair: [Self; 2], limit: Self) -> u32;
-    /// `|left_in - right_in[i]| - |left_out - right_out[i]|` for `2 * COUNT` bytes, each difference at most 127.
-    unsafe fn small_change(left_in: u8, right_in: *const u8, left_out: u8, right_out: *const u8)
-    -> [Self; 2];
-    /// Whether [`choice`](Self::choice) exists.
-    const PICKS_LANES: bool;
-    /// `lane` and the costs at and beside it.
-    unsafe fn choice<const P: usize>(costs: &Column<Self, P>, lane: usize) -> Choice<u16>;
-    /// The same for any bytes.
-    unsafe fn change(left_in: u8, right_in: *const u8, left_out: u8, right_out: *const u8) -> [Self; 2];
 }
 
-/// All costs of one column: `P` pairs of vectors.
+/// What the window sums need beyond [`Lanes`]: pairs of vectors for the even and the odd bytes of one vector.
+///
+/// # Safety
+/// As [`Lanes`]; a pointer to bytes is followed by `2 * COUNT` readable ones.
+pub(in crate::kernels) trait SplitLanes: Lanes {
+    /// Whether [`pick`](Self::pick) exists.
+    const PICKS: bool;
+    /// [`sad_row`], compiled for the instruction set.
+    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(row: &mut SadRow<'_, u16>);
+    /// [`add_row`], compiled for the instruction set.
+    unsafe fn add_row(row: &mut AddRow<'_, u16>);
+    /// `|left_in - right_in[i]| - |left_out - right_out[i]|`; if `SMALL`, no difference exceeds 127.
+    unsafe fn change<const SMALL: bool>(
+        left_in: u8,
+        right_in: *const u8,
+        left_out: u8,
+        right_out: *const u8,
+    ) -> [Self; 2];
+    /// `left | right[i] | lanes[i]`, each 0 or 255, as 0 or 65535.
+    unsafe fn blocked(left: u8, right: *const u8, lanes: *const u8) -> [Self; 2];
+    /// The first lane of all vectors that equals `best`, which one does.
+    unsafe fn first_equal<const P: usize>(vectors: &[Self; P], best: Self) -> usize;
+    /// Lanes `2 * at - 1` to `2 * at + 2`, from the lowest bits of the result to the highest; anything for lanes that
+    /// do not exist.
+    unsafe fn pick<const P: usize>(costs: &Column<Self, P>, at: usize) -> u64;
+}
+
+/// All costs of one column: `P` pairs of vectors, even lanes and odd ones.
 pub(in crate::kernels) type Column<V, const P: usize> = [[V; 2]; P];
-
-/// `f` of each vector and its position among the lanes.
-#[inline(always)]
-fn each<V: Lanes, const P: usize>(mut f: impl FnMut(usize, usize, usize)) {
-    for p in 0..P {
-        for half in 0..2 {
-            f(p, half, (2 * p + half) * V::COUNT);
-        }
-    }
-}
 
 /// The row kernel for `P` pairs of vectors.
 ///
@@ -102,17 +114,17 @@ fn each<V: Lanes, const P: usize>(mut f: impl FnMut(usize, usize, usize)) {
 /// The processor has the instructions of `V`, `row.check` passed, `shape.lanes` is `2 * P * V::COUNT`, and no
 /// difference exceeds 127 if `SMALL`.
 #[inline(always)]
-pub(super) unsafe fn sad_row<V: Lanes, const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(
+pub(super) unsafe fn sad_row<V: SplitLanes, const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(
     row: &mut SadRow<'_, u16>,
 ) {
-    let RowShape { width, radius, .. } = row.shape;
+    let RowShape { width, radius, lanes, .. } = row.shape;
     let reach = row.shape.left_right_reach.unwrap_or(0);
     let (last, delay) = (width - 1, BATCH.max(reach));
     // Columns, but for the last, whose window lies inside the image and all of whose lanes are candidates.
     let inner = row.shape.blocked_columns.max(radius + 1)..width - radius.clamp(1, width);
     // SAFETY: the caller's promises are passed on. The ring is indexed as `Ring` demands.
     unsafe {
-        let mut ring = Ring::new(row.scratch, &row.shape);
+        let ring = Ring::new(row.scratch, &row.shape);
         for column in 1..=reach {
             ring.block::<V, P>(0_usize.wrapping_sub(column));
         }
@@ -122,47 +134,163 @@ pub(super) unsafe fn sad_row<V: Lanes, const P: usize, const SMALL: bool, const 
             let end = (batch + BATCH).min(width);
             // A batch never wraps around: the ring's length is a multiple of it.
             let mut cells = ring.column(batch);
+            let mut picked = Picked::default();
             if inner.start <= batch && batch + BATCH <= inner.end {
                 for x in batch..batch + BATCH {
-                    walk.column::<SMALL, LEFT_RIGHT, false>(row, x, cells);
+                    let (at, costs) = walk.column::<SMALL, LEFT_RIGHT, false>(row, x, &ring, cells);
+                    (picked.at[x - batch], picked.costs[x - batch]) = (at, costs);
                     cells = cells.add(ring.stride);
                 }
             } else {
                 for x in batch..end {
-                    walk.column::<SMALL, LEFT_RIGHT, true>(row, x, cells);
+                    let (at, costs) = walk.column::<SMALL, LEFT_RIGHT, true>(row, x, &ring, cells);
+                    (picked.at[x - batch], picked.costs[x - batch]) = (at, costs);
                     cells = cells.add(ring.stride);
                 }
             }
-            if LEFT_RIGHT || !V::PICKS_LANES {
+            if V::PICKS {
+                picked.choose(lanes, row.chosen.get_unchecked_mut(batch..end));
+            } else {
+                for x in batch..end {
+                    row.chosen.get_unchecked_mut(x).lane = picked.at[x - batch];
+                }
+            }
+            if LEFT_RIGHT || !V::PICKS {
                 let until = end.saturating_sub(delay).max(read);
-                read_back::<V, LEFT_RIGHT>(row, &ring, read..until);
+                ring.read_back::<V, LEFT_RIGHT>(row, read..until);
                 read = until;
             }
         }
-        if !LEFT_RIGHT && V::PICKS_LANES {
+        if !LEFT_RIGHT && V::PICKS {
             return;
         }
         for column in width..width + reach {
             ring.block::<V, P>(column);
         }
-        read_back::<V, LEFT_RIGHT>(row, &ring, read..width);
+        ring.read_back::<V, LEFT_RIGHT>(row, read..width);
         if LEFT_RIGHT {
-            // After the last column all lanes are final, not only the first.
-            let tail = row.right_best.as_mut_ptr().add(last);
-            each::<V, P>(|p, half, at| walk.right[p][half].store(tail.add(at)));
+            // After the last column all lanes are final, not only the first. The ring has room for them.
+            ring.store(ring.column(0), &walk.right);
+            for lane in 0..lanes {
+                *row.right_best.get_unchecked_mut(last + lane) = *ring.cell(ring.column(0), lane as isize);
+            }
         }
     }
 }
 
-/// The state of the walk along a row.
+/// See [`AddRow`]; the sums are split.
+///
+/// # Safety
+/// The processor has the instructions of `V`, `row.check` passed, and the lanes are a multiple of `2 * V::COUNT`.
+#[inline(always)]
+pub(super) unsafe fn add_row<V: SplitLanes>(row: &mut AddRow<'_, u16>) {
+    // No row leaves: nothing differs from nothing.
+    static NOTHING: [u8; 64] = [0; 64];
+    // SAFETY: a row holds `lanes` right pixels from each of its columns on, and `column_sums` as many sums for each.
+    unsafe {
+        for (c, &left) in row.row.left.iter().enumerate() {
+            for at in (0..row.lanes).step_by(2 * V::COUNT) {
+                let right = row.row.right.as_ptr().add(c + at);
+                let sums = row.column_sums.as_mut_ptr().add(c * row.lanes + at);
+                let [even, odd] = V::change::<false>(left, right, 0, NOTHING.as_ptr());
+                V::load(sums).add(even).store(sums);
+                let sums = sums.add(V::COUNT);
+                V::load(sums).add(odd).store(sums);
+            }
+        }
+    }
+}
+
+/// Where the best costs of a batch are, and the costs around them.
+#[derive(Default)]
+struct Picked {
+    /// Half of the best lane, rounded down.
+    at: [u16; BATCH],
+    /// What [`SplitLanes::pick`] gives for it.
+    costs: [u64; BATCH],
+}
+
+impl Picked {
+    /// Decides between the even and the odd lane. The batch may be cut short.
+    #[inline(always)]
+    fn choose(&self, lanes: usize, chosen: &mut [Choice<u16>]) {
+        let mut choices = [0_u64; BATCH];
+        for i in 0..BATCH {
+            choices[i] = choose(self.costs[i], self.at[i], lanes).to_le();
+        }
+        // SAFETY: a choice is four 16-bit numbers in the layout of C: what is assembled here.
+        let choices: [Choice<u16>; BATCH] = unsafe { std::mem::transmute(choices) };
+        if let Ok(chosen) = <&mut [_; BATCH]>::try_from(&mut *chosen) {
+            *chosen = choices;
+        } else {
+            chosen.copy_from_slice(&choices[..chosen.len()]);
+        }
+    }
+}
+
+/// The [`Choice`] among lanes `2 * at` and `2 * at + 1`, given their costs and those beside them; lowest bits first.
+#[inline(always)]
+fn choose(costs: u64, at: u16, lanes: usize) -> u64 {
+    const BLOCKED: u64 = u16::BLOCKED as u64;
+    let (even, odd) = (costs >> 16 & BLOCKED, costs >> 32 & BLOCKED);
+    // Of equal costs, the first lane's.
+    let is_odd = u64::from(odd < even);
+    let lane = 2 * u64::from(at) + is_odd;
+    let around = if is_odd == 1 { costs >> 16 } else { costs } & 0x0000_FFFF_FFFF_FFFF;
+    let before = if lane == 0 { BLOCKED } else { 0 };
+    let after = if lane + 1 == lanes as u64 { BLOCKED << 32 } else { 0 };
+    around | before | after | lane << 48
+}
+
+/// The rows that enter and leave the window.
+#[derive(Clone, Copy)]
+struct Pixels {
+    left_in: *const u8,
+    right_in: *const u8,
+    left_out: *const u8,
+    right_out: *const u8,
+}
+
+impl Pixels {
+    fn new(entering: RowPair<'_>, leaving: RowPair<'_>) -> Self {
+        Self {
+            left_in: entering.left.as_ptr(),
+            right_in: entering.right.as_ptr(),
+            left_out: leaving.left.as_ptr(),
+            right_out: leaving.right.as_ptr(),
+        }
+    }
+}
+
+/// The state of the walk along a row. Pointers are held here, where they can stay in registers.
 struct Walk<V, const P: usize> {
+    pixels: Pixels,
+    sums: *mut u16,
+    shape: RowShape,
     /// Window sums of the current column: `H`.
     window: Column<V, P>,
     /// Smallest costs so far of the right pixels opposite the current column: `R`.
     right: Column<V, P>,
+    /// [`rival_factor`] of the uniqueness ratio.
+    rival_factor: u64,
 }
 
-impl<V: Lanes, const P: usize> Walk<V, P> {
+/// `ceil(ratio / 100 · 2²³)`: see [`rival_limit`].
+fn rival_factor(uniqueness_ratio: u32) -> u64 {
+    (u64::from(uniqueness_ratio) << 23).div_ceil(100)
+}
+
+/// `best + best · ratio / 100`, rounded down, and below a blocked cost.
+///
+/// The factor exceeds `ratio / 100 · 2²³` by less than 1, so the product exceeds the exact one by less than
+/// `2¹⁶ / 2²³ < 1/100`: never enough to reach the next whole number, as fractions are hundredths.
+#[inline(always)]
+fn rival_limit(best: u16, factor: u64) -> u16 {
+    let limit = u64::from(best) + (u64::from(best) * factor >> 23);
+    limit.min(u64::from(u16::BLOCKED) - 1) as u16
+}
+
+impl<V: SplitLanes, const P: usize> Walk<V, P> {
     const LANES: usize = 2 * P * V::COUNT;
 
     /// At column 0, before [`column`](Self::column).
@@ -171,28 +299,41 @@ impl<V: Lanes, const P: usize> Walk<V, P> {
     /// As [`sad_row`].
     #[inline(always)]
     unsafe fn start<const SMALL: bool>(row: &mut SadRow<'_, u16>) -> Self {
-        let RowShape { width, radius, .. } = row.shape;
+        let RowShape { width, radius, uniqueness_ratio, .. } = row.shape;
+        let pixels = Pixels::new(row.entering, row.leaving);
         let sums = row.column_sums.as_mut_ptr();
         // SAFETY: columns are clamped to the image's.
         unsafe {
             let mut window = [[V::splat(0); 2]; P];
             for i in 0..=radius {
                 let column = i.min(width - 1);
-                if i == column {
-                    slide_down::<V, P, SMALL>(row.entering, row.leaving, column, sums);
-                }
+                let sums = if i == column {
+                    slide_down::<V, P, SMALL>(pixels, column, sums)
+                } else {
+                    load::<V, P>(sums.add(column * Self::LANES))
+                };
                 // The first column stands for itself and for the `radius` columns left of the image.
                 for _ in 0..if i == 0 { radius + 1 } else { 1 } {
-                    each::<V, P>(|p, half, at| {
-                        window[p][half] = window[p][half].add(V::load(sums.add(column * Self::LANES + at)));
-                    });
+                    for p in 0..P {
+                        for half in 0..2 {
+                            window[p][half] = window[p][half].add(sums[p][half]);
+                        }
+                    }
                 }
             }
-            Self { window, right: [[V::splat(u16::BLOCKED); 2]; P] }
+            let right = [[V::splat(u16::BLOCKED); 2]; P];
+            Self {
+                pixels,
+                sums,
+                shape: row.shape,
+                window,
+                right,
+                rival_factor: rival_factor(uniqueness_ratio),
+            }
         }
     }
 
-    /// Moves the window to column `x`, the next one, and writes what is known of it; its costs go to `cells`.
+    /// Moves the window to column `x`, the next one. Returns half of the best lane and, if `V` picks, the costs around.
     ///
     /// # Safety
     /// As [`sad_row`]; `cells` is the column's place in the ring. If not `EDGE`, the window around `x` and the one
@@ -202,10 +343,11 @@ impl<V: Lanes, const P: usize> Walk<V, P> {
         &mut self,
         row: &mut SadRow<'_, u16>,
         x: usize,
+        ring: &Ring,
         cells: *mut u16,
-    ) {
-        let RowShape { width, radius, blocked_columns, uniqueness_ratio, .. } = row.shape;
-        let (sums, last) = (row.column_sums.as_mut_ptr(), width - 1);
+    ) -> (u16, u64) {
+        let RowShape { width, radius, blocked_columns, uniqueness_ratio, .. } = self.shape;
+        let (sums, last) = (self.sums, width - 1);
         // SAFETY: column `c <= last` has its sums at `c * LANES`, its right pixels and their blocks at
         // `c..c + LANES`; `check` made the slices that long.
         unsafe {
@@ -213,55 +355,62 @@ impl<V: Lanes, const P: usize> Walk<V, P> {
                 let left = if EDGE { x.saturating_sub(radius + 1) } else { x - radius - 1 };
                 let leaving = sums.add(left * Self::LANES);
                 let entering = if !EDGE || x + radius <= last {
-                    slide_down::<V, P, SMALL>(row.entering, row.leaving, x + radius, sums)
+                    slide_down::<V, P, SMALL>(self.pixels, x + radius, self.sums)
                 } else {
                     load::<V, P>(sums.add(last * Self::LANES))
                 };
-                each::<V, P>(|p, half, at| {
-                    let change = entering[p][half].sub(V::load(leaving.add(at)));
-                    self.window[p][half] = self.window[p][half].add(change);
-                });
+                for p in 0..P {
+                    for half in 0..2 {
+                        let leaving = V::load(leaving.add((2 * p + half) * V::COUNT));
+                        self.window[p][half] = self.window[p][half].add(entering[p][half].sub(leaving));
+                    }
+                }
             }
 
             let mut costs = self.window;
             if EDGE && x < blocked_columns {
-                let left = V::splat(*row.blocked_left.get_unchecked(x));
+                let left = *row.blocked_left.get_unchecked(x);
                 let (rights, lanes) = (row.blocked_right.as_ptr().add(x), row.blocked_lanes.as_ptr());
-                each::<V, P>(|p, half, at| {
-                    let blocked = left.or(V::load(rights.add(at))).or(V::load(lanes.add(at)));
-                    costs[p][half] = costs[p][half].or(blocked);
-                });
+                for p in 0..P {
+                    let at = 2 * p * V::COUNT;
+                    let [even, odd] = V::blocked(left, rights.add(at), lanes.add(at));
+                    costs[p] = [costs[p][0].or(even), costs[p][1].or(odd)];
+                }
             }
 
-            let mut least = costs[0][0].min(costs[0][1]);
-            for pair in &costs[1..] {
-                least = least.min(pair[0].min(pair[1]));
+            let mut least = [costs[0][0]; P];
+            for p in 0..P {
+                least[p] = costs[p][0].min(costs[p][1]);
             }
-            let best = least.splat_min();
-            let lane = first_equal(&costs, best);
-            let chosen = row.chosen.get_unchecked_mut(x);
-            if V::PICKS_LANES {
-                *chosen = V::choice(&costs, lane);
-            } else {
-                chosen.lane = lane as u16;
+            let mut smallest = least[0];
+            for p in 1..P {
+                smallest = smallest.min(least[p]);
             }
-            if LEFT_RIGHT || !V::PICKS_LANES {
-                each::<V, P>(|p, half, at| costs[p][half].store(cells.add(at)));
+            let best = smallest.splat_min();
+            let at = V::first_equal(&least, best);
+            if LEFT_RIGHT || !V::PICKS {
+                ring.store(cells, &costs);
             }
             if uniqueness_ratio > 0 {
-                let limit =
-                    rival_limit(best.first().into(), uniqueness_ratio).min(u32::from(u16::BLOCKED) - 1);
-                let limit = V::splat(limit as u16);
-                let rivals: u32 = costs.iter().map(|&pair| V::count_at_most(pair, limit)).sum();
+                let limit = V::splat(rival_limit(best.first(), self.rival_factor));
+                let mut rivals = 0;
+                for p in 0..P {
+                    rivals += V::count_at_most(costs[p], limit);
+                }
                 *row.rivals.get_unchecked_mut(x) = rivals as u16;
             }
             if LEFT_RIGHT {
-                each::<V, P>(|p, half, _| self.right[p][half] = self.right[p][half].min(costs[p][half]));
+                for p in 0..P {
+                    for half in 0..2 {
+                        self.right[p][half] = self.right[p][half].min(costs[p][half]);
+                    }
+                }
                 *row.right_best.get_unchecked_mut(x) = self.right[0][0].first();
                 if !EDGE || x < last {
                     shift_down(&mut self.right);
                 }
             }
+            (at as u16, if V::PICKS { V::pick(&costs, at) } else { 0 })
         }
     }
 }
@@ -275,7 +424,11 @@ unsafe fn load<V: Lanes, const P: usize>(from: *const u16) -> Column<V, P> {
     // SAFETY: the caller's.
     unsafe {
         let mut column = [[V::splat(0); 2]; P];
-        each::<V, P>(|p, half, at| column[p][half] = V::load(from.add(at)));
+        for p in 0..P {
+            for half in 0..2 {
+                column[p][half] = V::load(from.add((2 * p + half) * V::COUNT));
+            }
+        }
         column
     }
 }
@@ -285,54 +438,31 @@ unsafe fn load<V: Lanes, const P: usize>(from: *const u16) -> Column<V, P> {
 /// # Safety
 /// As [`sad_row`]; `column` is one of the image's.
 #[inline(always)]
-unsafe fn slide_down<V: Lanes, const P: usize, const SMALL: bool>(
-    entering: RowPair<'_>,
-    leaving: RowPair<'_>,
+unsafe fn slide_down<V: SplitLanes, const P: usize, const SMALL: bool>(
+    pixels: Pixels,
     column: usize,
     sums: *mut u16,
 ) -> Column<V, P> {
     // SAFETY: a row holds `lanes` right pixels from each of its columns on, and `sums` as many sums for each.
     unsafe {
-        let (left_in, left_out) = (*entering.left.get_unchecked(column), *leaving.left.get_unchecked(column));
-        let (right_in, right_out) = (entering.right.as_ptr().add(column), leaving.right.as_ptr().add(column));
+        let (left_in, left_out) = (*pixels.left_in.add(column), *pixels.left_out.add(column));
+        let (right_in, right_out) = (pixels.right_in.add(column), pixels.right_out.add(column));
         let sums = sums.add(column * 2 * P * V::COUNT);
         let mut slid = [[V::splat(0); 2]; P];
-        for (p, pair) in slid.iter_mut().enumerate() {
+        for p in 0..P {
             let at = 2 * p * V::COUNT;
-            let change = if SMALL {
-                V::small_change(left_in, right_in.add(at), left_out, right_out.add(at))
-            } else {
-                V::change(left_in, right_in.add(at), left_out, right_out.add(at))
-            };
+            let change = V::change::<SMALL>(left_in, right_in.add(at), left_out, right_out.add(at));
             for half in 0..2 {
                 let sum = sums.add(at + half * V::COUNT);
-                pair[half] = V::load(sum).add(change[half]);
-                pair[half].store(sum);
+                slid[p][half] = V::load(sum).add(change[half]);
+                slid[p][half].store(sum);
             }
         }
         slid
     }
 }
 
-/// The first lane that equals `best`.
-///
-/// # Safety
-/// The processor has the instructions of `V`.
-#[inline(always)]
-unsafe fn first_equal<V: Lanes, const P: usize>(costs: &Column<V, P>, best: V) -> usize {
-    // SAFETY: the caller proves the instructions.
-    let bits = |p: usize| unsafe { V::equal_bits(costs[p], best) };
-    // From the last pair, which has it if no other does, to the first; without a branch, as no one could predict it.
-    let mut lane = 2 * (P - 1) * V::COUNT + bits(P - 1).trailing_zeros() as usize;
-    for p in (0..P - 1).rev() {
-        let bits = bits(p);
-        let here = 2 * p * V::COUNT + bits.trailing_zeros() as usize;
-        lane = if bits != 0 { here } else { lane };
-    }
-    lane
-}
-
-/// Each lane takes the one after it; a blocked cost enters at the end.
+/// Each lane takes the one after it; a blocked cost enters at the end. Odd lanes become even ones as they are.
 ///
 /// # Safety
 /// The processor has the instructions of `V`.
@@ -341,17 +471,19 @@ unsafe fn shift_down<V: Lanes, const P: usize>(column: &mut Column<V, P>) {
     // SAFETY: the caller proves the instructions.
     unsafe {
         for p in 0..P {
-            column[p][0] = column[p][0].shift_down(column[p][1]);
             let next = if p + 1 < P { column[p + 1][0] } else { V::splat(u16::BLOCKED) };
-            column[p][1] = column[p][1].shift_down(next);
+            let [even, odd] = column[p];
+            column[p] = [odd, even.shift_down(next)];
         }
     }
 }
 
-/// The costs of the last few pixels.
+/// The costs of the last few pixels: of each, first the even lanes, then the odd ones, each followed by a guard.
 struct Ring {
     /// Lane 0 of the first pixel.
     start: *mut u16,
+    /// Cells from an even lane to the odd one after it.
+    half: usize,
     /// Cells from pixel to pixel.
     stride: usize,
     /// Pixels less one.
@@ -360,8 +492,9 @@ struct Ring {
 
 impl Ring {
     fn new(scratch: &mut [u16], shape: &RowShape) -> Self {
+        let half = shape.lanes / 2 + guard(shape);
         let start = scratch[guard(shape)..].as_mut_ptr();
-        Self { start, stride: shape.lanes + guard(shape), mask: ring_len(shape) - 1 }
+        Self { start, half, stride: 2 * half, mask: ring_len(shape) - 1 }
     }
 
     /// Lane 0 of column `x`, or of column `x - 2⁶⁴` left of the image.
@@ -374,50 +507,84 @@ impl Ring {
         unsafe { self.start.add((x & self.mask) * self.stride) }
     }
 
+    /// A lane of a [`column`](Self::column), or a guard.
+    ///
+    /// # Safety
+    /// As [`column`](Self::column); the lane is no further outside than twice the guard.
+    #[inline(always)]
+    unsafe fn cell(&self, column: *mut u16, lane: isize) -> *mut u16 {
+        // SAFETY: `>>` rounds down, `&` gives the remainder, of negative numbers too.
+        unsafe { column.add((lane & 1) as usize * self.half).offset(lane >> 1) }
+    }
+
+    /// # Safety
+    /// As [`column`](Self::column), and the processor has the instructions of `V`; the lanes are those of the ring.
+    #[inline(always)]
+    unsafe fn store<V: Lanes, const P: usize>(&self, cells: *mut u16, costs: &Column<V, P>) {
+        // SAFETY: a pixel has room for `P` vectors twice.
+        unsafe {
+            for p in 0..P {
+                costs[p][0].store(cells.add(p * V::COUNT));
+                costs[p][1].store(cells.add(self.half + p * V::COUNT));
+            }
+        }
+    }
+
     /// A column outside the image: no lane is a candidate.
     ///
     /// # Safety
-    /// As [`column`](Self::column), and the processor has the instructions of `V`.
+    /// As [`store`](Self::store).
     #[inline(always)]
-    unsafe fn block<V: Lanes, const P: usize>(&mut self, x: usize) {
-        // SAFETY: a pixel has `lanes` cells, which is what `P` pairs of vectors fill.
-        unsafe {
-            let cells = self.column(x);
-            each::<V, P>(|_, _, at| V::splat(u16::BLOCKED).store(cells.add(at)));
-        }
+    unsafe fn block<V: Lanes, const P: usize>(&self, x: usize) {
+        // SAFETY: the caller's.
+        unsafe { self.store(self.column(x), &[[V::splat(u16::BLOCKED); 2]; P]) }
     }
-}
 
-/// Reads the costs beside the best of some columns from the ring.
-///
-/// # Safety
-/// `row.check` passed and the ring holds the columns from `columns.start - reach` to `columns.end - 1 + reach`.
-#[inline(always)]
-unsafe fn read_back<V: Lanes, const LEFT_RIGHT: bool>(
-    row: &mut SadRow<'_, u16>,
-    ring: &Ring,
-    columns: std::ops::Range<usize>,
-) {
-    let reach = row.shape.left_right_reach.unwrap_or(0);
-    for x in columns {
-        // SAFETY: columns are below the width. A lane is below `lanes`; what is read lies at most `reach` (at least
-        // 1), or 2 after it, beside it, which the guards have room for.
+    /// Completes some columns with costs from the ring.
+    ///
+    /// # Safety
+    /// `row.check` passed and the ring holds the columns from `columns.start - reach` to `columns.end - 1 + reach`.
+    #[inline(always)]
+    unsafe fn read_back<V: SplitLanes, const LEFT_RIGHT: bool>(
+        &self,
+        row: &mut SadRow<'_, u16>,
+        columns: std::ops::Range<usize>,
+    ) {
+        let reach = row.shape.left_right_reach.unwrap_or(0) as isize;
+        // SAFETY: columns are below the width, lanes below `lanes`; what is read lies at most `reach`, or two lanes,
+        // beside them, which the guards have room for.
         unsafe {
-            let chosen = row.chosen.get_unchecked_mut(x);
-            let lane = usize::from(chosen.lane);
-            if !V::PICKS_LANES {
-                let cells = ring.column(x).add(lane);
-                let [before, best, after] = [*cells.sub(1), *cells, *cells.add(1)];
-                *chosen = Choice { before, best, after, lane: chosen.lane };
+            if !V::PICKS {
+                for batch in columns.clone().step_by(BATCH) {
+                    let end = columns.end.min(batch + BATCH);
+                    let mut picked = Picked::default();
+                    for x in batch..end {
+                        let at = row.chosen.get_unchecked(x).lane;
+                        let even = self.column(x).add(at.into());
+                        let (odds, evens) =
+                            (even.add(self.half).sub(1).cast::<[u16; 2]>(), even.cast::<[u16; 2]>());
+                        let ([before, odd], [even, after]) = (*odds, *evens);
+                        picked.at[x - batch] = at;
+                        picked.costs[x - batch] = u64::from(before)
+                            | u64::from(even) << 16
+                            | u64::from(odd) << 32
+                            | u64::from(after) << 48;
+                    }
+                    picked.choose(row.shape.lanes, row.chosen.get_unchecked_mut(batch..end));
+                }
             }
             if LEFT_RIGHT {
-                let mut nearby = chosen.best;
-                for j in 1..=reach {
-                    let larger = *ring.column(x + j).add(lane).sub(j);
-                    let smaller = *ring.column(x.wrapping_sub(j)).add(lane + j);
-                    nearby = nearby.min(larger).min(smaller);
+                for x in columns {
+                    let Choice { best, lane, .. } = *row.chosen.get_unchecked(x);
+                    let lane = lane as isize;
+                    let mut nearby = best;
+                    for j in 1..=reach {
+                        let larger = *self.cell(self.column(x.wrapping_add_signed(j)), lane - j);
+                        let smaller = *self.cell(self.column(x.wrapping_add_signed(-j)), lane + j);
+                        nearby = nearby.min(larger).min(smaller);
+                    }
+                    *row.nearby.get_unchecked_mut(x) = nearby;
                 }
-                *row.nearby.get_unchecked_mut(x) = nearby;
             }
         }
     }
@@ -427,7 +594,7 @@ unsafe fn read_back<V: Lanes, const LEFT_RIGHT: bool>(
 ///
 /// # Safety
 /// The processor has the instructions of `V`, and `row.check` passed.
-pub(super) unsafe fn dispatch<V: Lanes>(row: &mut SadRow<'_, u16>) {
+pub(super) unsafe fn dispatch<V: SplitLanes>(row: &mut SadRow<'_, u16>) {
     // SAFETY: the caller's; no difference exceeds 127 where `SMALL` is chosen.
     unsafe {
         match (row.shape.largest_difference <= 127, row.shape.left_right_reach.is_some()) {
@@ -441,7 +608,9 @@ pub(super) unsafe fn dispatch<V: Lanes>(row: &mut SadRow<'_, u16>) {
 
 /// # Safety
 /// As [`dispatch`], and no difference exceeds 127 if `SMALL`.
-unsafe fn dispatch_lanes<V: Lanes, const SMALL: bool, const LEFT_RIGHT: bool>(row: &mut SadRow<'_, u16>) {
+unsafe fn dispatch_lanes<V: SplitLanes, const SMALL: bool, const LEFT_RIGHT: bool>(
+    row: &mut SadRow<'_, u16>,
+) {
     // SAFETY: the caller's; the number of lanes is that of the instance.
     unsafe {
         match row.shape.lanes / (2 * V::COUNT) {
@@ -453,6 +622,8 @@ unsafe fn dispatch_lanes<V: Lanes, const SMALL: bool, const LEFT_RIGHT: bool>(ro
             8 => V::sad_row::<8, SMALL, LEFT_RIGHT>(row),
             16 => V::sad_row::<16, SMALL, LEFT_RIGHT>(row),
             32 => V::sad_row::<32, SMALL, LEFT_RIGHT>(row),
+            #[cfg(target_arch = "aarch64")]
+            64 => V::sad_row::<64, SMALL, LEFT_RIGHT>(row),
             pairs => unreachable!("padded_lanes gives no {pairs} pairs of vectors"),
         }
     }
