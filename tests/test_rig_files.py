@@ -171,8 +171,14 @@ def test_impossible_cameras_are_refused() -> None:
         ep.CameraModel([[math.nan, 0, 320], [0, 500, 240], [0, 0, 1]], [0] * 5, width=640, height=480)
     with pytest.raises(ValueError, match="camera_matrix"):
         ep.CameraModel([[500, 3.0, 320], [0, 500, 240], [0, 0, 1]], [0] * 5, width=640, height=480)
-    with pytest.raises(ValueError, match="4 or 5"):
-        ep.CameraModel(matrix, [0] * 8, width=640, height=480)
+    with pytest.raises(ValueError, match="4, 5, 8 or 12"):
+        ep.CameraModel(matrix, [0] * 7, width=640, height=480)
+    with pytest.raises(ValueError, match="tilted sensor"):
+        ep.CameraModel(matrix, [0] * 12 + [0.01, 0], width=640, height=480)
+    with pytest.raises(ValueError, match="4 coefficients"):
+        ep.CameraModel(matrix, [0] * 5, width=640, height=480, lens="kannala-brandt")
+    with pytest.raises(ValueError, match="expected one of brown-conrady"):
+        ep.CameraModel(matrix, [0] * 5, width=640, height=480, lens="pinhole")
     good = ep.CameraModel(matrix, [0] * 5, width=640, height=480)
     with pytest.raises(ValueError, match="rotation"):
         ep.StereoCalibration(good, good, np.diag([1.0, 1, -1]), [-0.1, 0, 0])

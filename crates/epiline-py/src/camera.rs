@@ -3,9 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use epiline::camera::{
-    CameraModel, Distortion, Parameter, Pose, StereoCalibration, ViewResidual, formats::kitti,
-};
+use epiline::camera::{CameraModel, Lens, Pose, StereoCalibration, ViewResidual, formats::kitti};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -51,16 +49,43 @@ fn matrix_of(name: &str, object: &Bound<'_, PyAny>) -> PyResult<Matrix3<f64>> {
     Ok(Matrix3::from_fn(|r, c| rows[r][c]))
 }
 
-/// One camera: pinhole with Brown–Conrady distortion and an image size.
+/// The lens of a model's name, or of OpenCV's number of coefficients.
+fn lens_of(name: Option<&str>, coefficients: &[f64]) -> PyResult<Lens> {
+    let Some(name) = name else {
+        return Lens::from_opencv(coefficients).or_raise();
+    };
+    let model = Lens::of_name(name).ok_or_else(|| {
+        let known = Lens::NAMES.join(", ");
+        PyValueError::new_err(format!("lens = '{name}': expected one of {known}"))
+    })?;
+    // OpenCV's and ROS's lists of a Brown lens may end before k3.
+    let padded = [coefficients, &[0.0]].concat();
+    let short = matches!(model, Lens::Brown(_)) && coefficients.len() == 4;
+    model.with_coefficients(if short { &padded } else { coefficients }).ok_or_else(|| {
+        let (names, count) = (model.coefficient_names(), coefficients.len());
+        PyValueError::new_err(format!(
+            "distortion: a lens '{name}' has {} coefficients ({}), got {count}",
+            names.len(),
+            names.join(", ")
+        ))
+    })
+}
+
+/// One camera: a lens, focal lengths and principal point in pixels, and an image size.
 ///
 /// Parameters
 /// ----------
 /// camera_matrix : (3, 3) array_like
 ///     ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]``, pixels; skew must be zero.
-/// distortion : (4,) or (5,) array_like
-///     k1, k2, p1, p2[, k3], OpenCV's order.
+/// distortion : (N,) array_like
+///     The lens's coefficients.
 /// width, height : int
 ///     Image size, pixels.
+/// lens : {"brown-conrady", "rational", "thin-prism", "kannala-brandt", "tsai"}, optional
+///     What the coefficients mean: k1, k2, p1, p2[, k3] of Brown and Conrady; with k4, k5, k6 after them of the
+///     rational model; with s1, s2, s3, s4 after those of thin prisms; k1, k2, k3, k4 of Kannala and Brandt's fisheye;
+///     kappa1 of Tsai's model, in units of the focal length. By default the number of coefficients decides as in
+///     OpenCV's functions: 4 or 5, 8, 12.
 ///
 /// Raises
 /// ------
@@ -73,12 +98,13 @@ pub struct PyCameraModel(pub CameraModel);
 #[pymethods]
 impl PyCameraModel {
     #[new]
-    #[pyo3(signature = (camera_matrix, distortion, *, width, height))]
+    #[pyo3(signature = (camera_matrix, distortion, *, width, height, lens = None))]
     fn new(
         camera_matrix: &Bound<'_, PyAny>,
         distortion: &Bound<'_, PyAny>,
         width: i64,
         height: i64,
+        lens: Option<&str>,
     ) -> PyResult<Self> {
         let (width, height) = (whole("width", width)?, whole("height", height)?);
         let k = matrix_of("camera_matrix", camera_matrix)?;
@@ -88,19 +114,8 @@ impl PyCameraModel {
             let expected = "camera_matrix: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]";
             return Err(PyValueError::new_err(format!("{expected}, got {:?}", k.transpose().as_slice())));
         }
-        let coefficients = vector_of("distortion", distortion)?;
-        let distortion = match coefficients[..] {
-            [k1, k2, p1, p2] => Distortion { k1, k2, p1, p2, k3: 0.0 },
-            [k1, k2, p1, p2, k3] => Distortion { k1, k2, p1, p2, k3 },
-            _ => {
-                let count = coefficients.len();
-                return Err(PyValueError::new_err(format!(
-                    "distortion: expected 4 or 5 coefficients (k1, k2, p1, p2[, k3]), got {count}"
-                )));
-            }
-        };
-        let model =
-            CameraModel { focal_px: [k.m11, k.m22], center_px: [k.m13, k.m23], distortion, width, height };
+        let lens = lens_of(lens, &vector_of("distortion", distortion)?)?;
+        let model = CameraModel { focal_px: [k.m11, k.m22], center_px: [k.m13, k.m23], lens, width, height };
         model.validate().or_raise()?;
         Ok(Self(model))
     }
@@ -112,10 +127,16 @@ impl PyCameraModel {
         rows_array(py, [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     }
 
-    /// (5,) float64: k1, k2, p1, p2, k3.
+    /// (N,) float64: the lens's coefficients; five of a Brown–Conrady lens.
     #[getter]
     fn distortion<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.0.distortion.to_array())
+        PyArray1::from_vec(py, self.0.lens.coefficients())
+    }
+
+    /// Name of the lens model.
+    #[getter]
+    fn lens(&self) -> &'static str {
+        self.0.lens.name()
     }
 
     /// Image width, pixels.
@@ -140,7 +161,7 @@ impl PyCameraModel {
     /// Returns
     /// -------
     /// (N, 2) float64
-    ///     Pixels; NaN for a point behind the camera.
+    ///     Pixels; NaN outside the lens's field of view.
     fn project<'py>(
         &self,
         py: Python<'py>,
@@ -148,8 +169,32 @@ impl PyCameraModel {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let points = rows_of::<3>("points_m", points_m)?;
         let nowhere = Vector2::repeat(f64::NAN);
-        let see = |p: [f64; 3]| self.0.project(Vector3::from(p)).unwrap_or(nowhere).into();
+        let view = self.0.view();
+        let see = |p: [f64; 3]| view.project(&Vector3::from(p)).unwrap_or(nowhere).into();
         Ok(rows_array::<2>(py, points.into_iter().map(see)))
+    }
+
+    /// The directions that pixels see.
+    ///
+    /// Parameters
+    /// ----------
+    /// pixels : (N, 2) array_like
+    ///     Positions in the photograph.
+    ///
+    /// Returns
+    /// -------
+    /// (N, 3) float64
+    ///     Of length one in the camera's frame; NaN outside the lens's field of view.
+    fn directions<'py>(
+        &self,
+        py: Python<'py>,
+        pixels: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let pixels = rows_of::<2>("pixels", pixels)?;
+        let view = self.0.view();
+        let nowhere = Vector3::repeat(f64::NAN);
+        let look = |p: [f64; 2]| view.direction(Vector2::from(p)).unwrap_or(nowhere).into();
+        Ok(rows_array::<3>(py, pixels.into_iter().map(look)))
     }
 
     /// Where a lens without distortion and the same camera matrix would have seen pixels.
@@ -162,24 +207,28 @@ impl PyCameraModel {
     /// Returns
     /// -------
     /// (N, 2) float64
-    ///     Pixels; NaN where the distortion has no inverse.
+    ///     Pixels; NaN where the distortion has no inverse, or a fisheye looks sideways.
     fn undistort<'py>(
         &self,
         py: Python<'py>,
         pixels: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let pixels = rows_of::<2>("pixels", pixels)?;
-        let ideal = CameraModel { distortion: Distortion::default(), ..self.0 };
+        let view = self.0.view();
+        let ideal = CameraModel { lens: Lens::default(), ..self.0 }.view();
         let straighten = |pixel: [f64; 2]| -> [f64; 2] {
-            let direction = self.0.normalised_from_pixel(Vector2::from(pixel));
-            direction.map_or([f64::NAN; 2], |d| ideal.pixel_from_normalised(d).into())
+            let ray = view.direction(Vector2::from(pixel));
+            ray.and_then(|ray| ideal.project(&ray)).map_or([f64::NAN; 2], Into::into)
         };
         Ok(rows_array(py, pixels.into_iter().map(straighten)))
     }
 
     fn __repr__(&self) -> String {
         let CameraModel { focal_px: [fx, fy], center_px: [cx, cy], width, height, .. } = self.0;
-        format!("CameraModel({width}x{height}, fx={fx:.2}, fy={fy:.2}, cx={cx:.2}, cy={cy:.2})")
+        let lens = self.lens();
+        format!(
+            "CameraModel({width}x{height}, fx={fx:.2}, fy={fy:.2}, cx={cx:.2}, cy={cy:.2}, lens='{lens}')"
+        )
     }
 }
 
@@ -303,12 +352,16 @@ impl PyStereoCalibration {
         self.0.epipolar_error_px
     }
 
-    /// (24, 24) float64 in the order of ``sigma``'s keys, or None if unknown; zero for parameters held fixed.
+    /// (N, N) float64 in the order of ``sigma``'s keys, or None if unknown; zero for parameters held fixed.
+    ///
+    /// The parameters of both cameras (four and the lens's coefficients each: 9 with a Brown–Conrady lens), then six
+    /// of the pose between them.
     #[getter]
     fn covariance<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f64>>> {
         let covariance = self.0.covariance.as_ref()?;
-        let row = |r| std::array::from_fn::<f64, { Parameter::COUNT }, _>(|c| covariance[(r, c)]);
-        Some(rows_array(py, (0..Parameter::COUNT).map(row)))
+        // nalgebra stores columns first.
+        let flat = PyArray1::from_slice(py, covariance.transpose().as_slice());
+        Some(flat.reshape([covariance.nrows(), covariance.ncols()]).expect("N x N numbers"))
     }
 
     /// Standard deviation by parameter name: pixels, 1, radians or metres; empty if unknown.
@@ -317,7 +370,7 @@ impl PyStereoCalibration {
     #[getter]
     fn sigma<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let sigma = PyDict::new(py);
-        for (name, value) in Parameter::NAMES.into_iter().zip(self.0.sigmas().into_iter().flatten()) {
+        for (name, value) in self.0.parameter_names().iter().zip(self.0.sigmas().into_iter().flatten()) {
             sigma.set_item(name, value)?;
         }
         Ok(sigma)

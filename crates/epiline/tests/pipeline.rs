@@ -5,7 +5,7 @@ mod scene;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use epiline::camera::{CameraModel, Distortion, Pose, StereoCalibration};
+use epiline::camera::{Brown, CameraModel, Pose, StereoCalibration};
 use epiline::image::{Image, StereoPair};
 use epiline::matching::{DisparityMap, MatcherParams, StereoMatcher};
 use epiline::obstacles::{ObstacleParams, find_obstacles};
@@ -111,7 +111,7 @@ fn calibration() -> StereoCalibration {
     let camera = |cx: f64| CameraModel {
         focal_px: [300.0, 301.0],
         center_px: [cx, 119.0],
-        distortion: Distortion { k1: -0.12, k2: 0.03, ..Distortion::default() },
+        lens: Brown { k1: -0.12, k2: 0.03, ..Brown::default() }.into(),
         width: WIDTH,
         height: HEIGHT,
     };

@@ -3,7 +3,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use epiline::camera::{CameraModel, Distortion, Pose, StereoCalibration};
+use epiline::camera::{Brown, CameraModel, Pose, StereoCalibration};
 use epiline::image::Image;
 use epiline::preprocess::{GaussianLowPass, equalize_histogram};
 use epiline::rectification::{AlignmentMeter, AlignmentOptions, Rectifier};
@@ -37,7 +37,7 @@ fn warm_stages_allocate_nothing() {
     let camera = CameraModel {
         focal_px: [200.0, 200.0],
         center_px: [130.0, 97.0],
-        distortion: Distortion { k1: -0.2, ..Distortion::default() },
+        lens: Brown { k1: -0.2, ..Brown::default() }.into(),
         width: 260,
         height: 195,
     };

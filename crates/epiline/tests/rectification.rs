@@ -1,21 +1,27 @@
 //! The aligned views of synthetic rigs against projection written out in double precision.
 
 use epiline::Error;
-use epiline::camera::{CameraModel, Distortion, Pose, StereoCalibration};
+use epiline::camera::{Brown, CameraModel, Pose, StereoCalibration};
 use epiline::image::{Image, ImageRef};
 use epiline::rectification::{RectifiedGeometry, Rectifier, RectifierOptions, Remap};
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use proptest::prelude::*;
 
-const LENS: Distortion = Distortion { k1: -0.32, k2: 0.12, p1: 8e-4, p2: -6e-4, k3: 0.0 };
+const LENS: Brown = Brown { k1: -0.32, k2: 0.12, p1: 8e-4, p2: -6e-4, k3: 0.0 };
 
-fn camera(width: usize, height: usize, distortion: Distortion) -> CameraModel {
+fn camera(width: usize, height: usize, lens: Brown) -> CameraModel {
     let (w, h) = (width as f64, height as f64);
-    CameraModel { focal_px: [0.83 * w, 0.84 * w], center_px: [0.49 * w, 0.52 * h], distortion, width, height }
+    CameraModel {
+        focal_px: [0.83 * w, 0.84 * w],
+        center_px: [0.49 * w, 0.52 * h],
+        lens: lens.into(),
+        width,
+        height,
+    }
 }
 
 /// A 12 cm rig whose right camera is turned by a rotation vector given in degrees.
-fn rig(size: [usize; 2], lenses: [Distortion; 2], degrees: [f64; 3]) -> StereoCalibration {
+fn rig(size: [usize; 2], lenses: [Brown; 2], degrees: [f64; 3]) -> StereoCalibration {
     let rotation = Rotation3::from_scaled_axis(Vector3::from(degrees.map(f64::to_radians))).into_inner();
     let mut right = camera(size[0], size[1], lenses[1]);
     right.center_px[1] += 4.0;
@@ -29,7 +35,7 @@ fn aligned_rig(width: usize, height: usize) -> StereoCalibration {
     let camera = CameraModel {
         focal_px: [100.0, 100.0],
         center_px: [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0],
-        distortion: Distortion::default(),
+        lens: Brown::default().into(),
         width,
         height,
     };
@@ -94,7 +100,7 @@ fn centroid(image: &Image<u8>, near: Vector2<f64>) -> Vector2<f64> {
 #[test]
 fn corners_of_a_board_lie_on_one_row_at_the_disparity_of_their_depth() {
     for degrees in [[0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -2.0], [-2.0, -2.0, 2.0]] {
-        let calibration = rig([640, 480], [LENS, Distortion { k1: -0.29, ..LENS }], degrees);
+        let calibration = rig([640, 480], [LENS, Brown { k1: -0.29, ..LENS }], degrees);
         let rectifier = Rectifier::new(&calibration).expect("an ordinary rig");
         let geometry = rectifier.geometry();
         assert_eq!((geometry.width, geometry.height, geometry.doffs_px), (640, 480, 0.0));
@@ -136,8 +142,8 @@ fn pixels_are_the_source_at_the_mapped_position_and_masks_say_where_there_is_one
     // The radius grows while 1 + 3 k1 r² + 5 k2 r⁴ > 0: to the end with LENS, to r² = 1/(3·0.45) with k1 = -0.45.
     let lenses = [
         ([161, 119], LENS, f64::INFINITY),
-        ([160, 120], Distortion { k1: -0.45, ..Distortion::default() }, 1.0 / 1.35),
-        ([97, 140], Distortion::default(), f64::INFINITY),
+        ([160, 120], Brown { k1: -0.45, ..Brown::default() }, 1.0 / 1.35),
+        ([97, 140], Brown::default(), f64::INFINITY),
     ];
     for (size, lens, fold_r2) in lenses {
         for degrees in [[2.0, 0.0, 0.0], [0.0, -2.0, 0.0], [0.0, 0.0, 2.0], [-1.5, 1.0, -2.0]] {
@@ -245,7 +251,10 @@ fn impossible_rigs_are_refused_with_the_reason() {
     assert!(refused(&|rig| rig.right_from_left.translation_m.y = 0.5).contains("not horizontal"));
     let crossed = Rotation3::from_axis_angle(&Vector3::y_axis(), 0.9).into_inner();
     assert!(refused(&|rig| rig.right_from_left.rotation = crossed).contains("look past each other sideways"));
-    assert!(refused(&|rig| rig.right.distortion.k1 = -1e300).starts_with("rectification: "));
+    assert!(
+        refused(&|rig| rig.right.lens = Brown { k1: -1e300, ..Brown::default() }.into())
+            .starts_with("rectification: ")
+    );
 
     let with = |options| Rectifier::with_options(&good, options);
     for focal_px in [0.0, -5.0, f64::NAN, f64::INFINITY] {

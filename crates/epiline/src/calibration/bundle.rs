@@ -7,7 +7,7 @@ use super::lens::BrownConrady;
 use super::solver::{Bundle, Estimate, Huber, View};
 use super::start::{self, CameraStart};
 use super::{BoardView, BundleOptions, LensModel, input, rig};
-use crate::camera::{CameraModel, Distortion, Pose, StereoCalibration};
+use crate::camera::{Pose, StereoCalibration};
 use crate::error::Result;
 
 /// With one view neither camera's principal point is determined.
@@ -81,17 +81,10 @@ fn refined_camera(
     let homographies = start::homographies(name, corners())?;
     let CameraStart { pinhole, camera_from_board } = start::camera(&homographies, corners(), image_size)?;
     rig::require_tilt(&camera_from_board)?;
-    let camera = CameraModel {
-        focal_px: pinhole.focal_px,
-        center_px: pinhole.center_px,
-        distortion: Distortion::default(),
-        width: image_size.0,
-        height: image_size.1,
-    };
     // A rig whose right camera saw nothing.
     let alone: Vec<View<'_>> =
         corners().map(|(board_m, pixels)| View { board_m, pixels: [pixels, &[]] }).collect();
-    let intrinsics = BrownConrady::pack(&camera);
+    let intrinsics = BrownConrady::pack_pinhole(pinhole.focal_px, pinhole.center_px);
     let estimate = Estimate {
         intrinsics: [intrinsics; 2],
         right_from_left: Pose::identity(),

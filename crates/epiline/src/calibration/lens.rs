@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2x3, SMatrix, SVector, Vector2, Vector3};
 
-use crate::camera::{CameraModel, Distortion};
+use crate::camera::{Brown, CameraModel, LensFormula, LensImage};
 
 /// A projected point with its derivatives.
 pub(super) struct Projected<const K: usize> {
@@ -19,35 +19,17 @@ pub(super) trait Lens<const K: usize> {
     fn project(&self, intrinsics: &SVector<f64, K>, point_m: &Vector3<f64>) -> Option<Projected<K>>;
 }
 
-/// `x = X/Z, y = Y/Z` and the derivative by the point; `None` unless the point is in front of the camera.
-pub(super) fn perspective(point_m: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
-    if point_m.z.is_nan() || point_m.z <= 0.0 {
-        return None;
-    }
-    let inverse_depth = 1.0 / point_m.z;
-    let ideal = point_m.xy() * inverse_depth;
-    let by_point = Matrix2x3::new(
-        inverse_depth,
-        0.0,
-        -ideal.x * inverse_depth, //
-        0.0,
-        inverse_depth,
-        -ideal.y * inverse_depth,
-    );
-    Some((ideal, by_point))
-}
-
 /// Pinhole with Brown–Conrady distortion: fx, fy, cx, cy, k1, k2, p1, p2, k3, the order of
-/// [`Parameter`](crate::camera::Parameter).
+/// [`StereoCalibration::parameter_names`](crate::camera::StereoCalibration::parameter_names).
 pub(super) struct BrownConrady;
 
 impl BrownConrady {
     pub const PARAMETERS: usize = 9;
 
-    pub fn pack(camera: &CameraModel) -> SVector<f64, 9> {
-        let [k1, k2, p1, p2, k3] = camera.distortion.to_array();
-        let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.center_px);
-        SVector::from([fx, fy, cx, cy, k1, k2, p1, p2, k3])
+    /// Of a camera without distortion.
+    pub fn pack_pinhole(focal_px: [f64; 2], center_px: [f64; 2]) -> SVector<f64, 9> {
+        let ([fx, fy], [cx, cy]) = (focal_px, center_px);
+        SVector::from([fx, fy, cx, cy, 0.0, 0.0, 0.0, 0.0, 0.0])
     }
 
     pub fn unpack(intrinsics: &SVector<f64, 9>, (width, height): (usize, usize)) -> CameraModel {
@@ -55,7 +37,7 @@ impl BrownConrady {
         CameraModel {
             focal_px: [fx, fy],
             center_px: [cx, cy],
-            distortion: Distortion { k1, k2, p1, p2, k3 },
+            lens: Brown { k1, k2, p1, p2, k3 }.into(),
             width,
             height,
         }
@@ -65,10 +47,8 @@ impl BrownConrady {
 impl Lens<9> for BrownConrady {
     fn project(&self, intrinsics: &SVector<f64, 9>, point_m: &Vector3<f64>) -> Option<Projected<9>> {
         let [fx, fy, cx, cy, k1, k2, p1, p2, k3] = (*intrinsics).into();
-        let distortion = Distortion { k1, k2, p1, p2, k3 };
-        let (ideal, ideal_by_point) = perspective(point_m)?;
-        let distorted = distortion.apply(ideal);
-        let by_coefficient = Distortion::jacobian_coefficients(ideal);
+        let lens = Brown { k1, k2, p1, p2, k3 };
+        let LensImage { at: distorted, by_ray, by_coefficient } = lens.image(point_m)?;
         let mut by_intrinsics = SMatrix::<f64, 2, 9>::zeros();
         by_intrinsics[(0, 0)] = distorted.x;
         by_intrinsics[(1, 1)] = distorted.y;
@@ -78,7 +58,7 @@ impl Lens<9> for BrownConrady {
             by_intrinsics[(0, 4 + c)] = fx * by_coefficient[(0, c)];
             by_intrinsics[(1, 4 + c)] = fy * by_coefficient[(1, c)];
         }
-        let mut by_point = distortion.jacobian(ideal) * ideal_by_point;
+        let mut by_point = by_ray;
         by_point.row_mut(0).scale_mut(fx);
         by_point.row_mut(1).scale_mut(fy);
         Some(Projected {

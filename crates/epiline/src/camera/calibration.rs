@@ -56,72 +56,6 @@ impl Pose {
     }
 }
 
-/// A parameter of a [`StereoCalibration`], in the order of its covariance.
-///
-/// Rotation is a left increment on the rotation vector: `R(δ) = exp([δ]ₓ) R`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(usize)]
-#[expect(missing_docs, reason = "the names are the documentation; `name` spells them for Python")]
-pub enum Parameter {
-    LeftFx,
-    LeftFy,
-    LeftCx,
-    LeftCy,
-    LeftK1,
-    LeftK2,
-    LeftP1,
-    LeftP2,
-    LeftK3,
-    RightFx,
-    RightFy,
-    RightCx,
-    RightCy,
-    RightK1,
-    RightK2,
-    RightP1,
-    RightP2,
-    RightK3,
-    RotationX,
-    RotationY,
-    RotationZ,
-    TranslationX,
-    TranslationY,
-    TranslationZ,
-}
-
-impl Parameter {
-    /// How many there are.
-    pub const COUNT: usize = 24;
-
-    /// Names in covariance order: pixels, 1, radians and metres.
-    pub const NAMES: [&'static str; Self::COUNT] = [
-        "left_fx",
-        "left_fy",
-        "left_cx",
-        "left_cy",
-        "left_k1",
-        "left_k2",
-        "left_p1",
-        "left_p2",
-        "left_k3",
-        "right_fx",
-        "right_fy",
-        "right_cx",
-        "right_cy",
-        "right_k1",
-        "right_k2",
-        "right_p1",
-        "right_p2",
-        "right_k3",
-        "rotation_x",
-        "rotation_y",
-        "rotation_z",
-        "translation_x_m",
-        "translation_y_m",
-        "translation_z_m",
-    ];
-}
-
 /// What a calibration's own uncertainty does to depth: `var(Z) = z2·Z² + z3·Z³ + z4·Z⁴`, metres².
 ///
 /// `z2` comes from scale (focal length, baseline), `z4` from the pointing of one camera against the other, `z3`
@@ -167,7 +101,8 @@ pub struct StereoCalibration {
     pub rms_px: f64,
     /// Mean vertical disparity, after rectification, of corners in views the fit did not see, pixels. NaN if unknown.
     pub epipolar_error_px: f64,
-    /// Covariance of the parameters in the order of [`Parameter`]; a parameter held fixed has zeros. `None` if unknown.
+    /// Covariance of the parameters in the order of [`parameter_names`](Self::parameter_names); a parameter held fixed
+    /// has zeros. `None` if unknown.
     pub covariance: Option<DMatrix<f64>>,
     /// One entry per view used; empty if unknown.
     pub views: Vec<ViewResidual>,
@@ -187,6 +122,26 @@ impl StereoCalibration {
         };
         calibration.validate()?;
         Ok(calibration)
+    }
+
+    /// Names of the six parameters of the pose between the cameras: radians and metres.
+    ///
+    /// Rotation is a left increment on the rotation vector: `R(δ) = exp([δ]ₓ) R`.
+    pub const POSE_PARAMETERS: [&'static str; 6] =
+        ["rotation_x", "rotation_y", "rotation_z", "translation_x_m", "translation_y_m", "translation_z_m"];
+
+    /// Names of all parameters in the order of the covariance: of the left camera `left_fx`, `left_fy`, `left_cx`,
+    /// `left_cy` and its lens's coefficients, the same of the right camera, then
+    /// [`POSE_PARAMETERS`](Self::POSE_PARAMETERS).
+    pub fn parameter_names(&self) -> Vec<String> {
+        let camera = |side: &'static str, camera: &CameraModel| {
+            let names = CameraModel::PINHOLE_PARAMETERS.iter().chain(camera.lens.coefficient_names());
+            names.map(move |name| format!("{side}_{name}")).collect::<Vec<_>>()
+        };
+        let mut names = camera("left", &self.left);
+        names.extend(camera("right", &self.right));
+        names.extend(Self::POSE_PARAMETERS.map(String::from));
+        names
     }
 
     /// Distance between the two centres of projection, metres.
@@ -217,7 +172,15 @@ impl StereoCalibration {
             let value = format!("{} m", translation_m.norm());
             return Err(Error::invalid("baseline_m", value, "the two cameras must be apart"));
         }
-        Ok(())
+        let parameters = self.parameter_names().len();
+        match &self.covariance {
+            Some(covariance) if covariance.shape() != (parameters, parameters) => {
+                let value = format!("{}x{}", covariance.nrows(), covariance.ncols());
+                let expected = format!("the two lenses and the pose have {parameters} parameters");
+                Err(Error::invalid("covariance", value, expected))
+            }
+            _ => Ok(()),
+        }
     }
 }
 

@@ -2,8 +2,12 @@
 
 mod calibration;
 pub mod formats;
+mod lens;
 mod model;
 mod uncertainty;
 
-pub use calibration::{AlignedFrame, DepthVariance, Parameter, Pose, StereoCalibration, ViewResidual};
-pub use model::{CameraModel, Distortion};
+pub(crate) use lens::distorted_radius;
+
+pub use calibration::{AlignedFrame, DepthVariance, Pose, StereoCalibration, ViewResidual};
+pub use lens::{Brown, KannalaBrandt, Lens, LensFormula, LensImage, LensView, Rational, ThinPrism, Tsai};
+pub use model::{CameraModel, CameraView};

@@ -1,33 +1,41 @@
 //! From the covariance of a calibration to what users care about: single parameters, the baseline, depth.
 
-use nalgebra::{SVector, Vector2, Vector3};
+use nalgebra::{DVector, Vector2, Vector3};
 
-use super::calibration::{AlignedFrame, DepthVariance, Parameter, StereoCalibration};
-use super::model::{CameraModel, Distortion};
+use super::calibration::{AlignedFrame, DepthVariance, StereoCalibration};
+use super::model::CameraModel;
 
-/// One number per parameter.
-type Gradient = SVector<f64, { Parameter::COUNT }>;
-
-/// First parameter of the right camera.
-const RIGHT: usize = Parameter::RightFx as usize;
+/// Parameters of a camera before its lens's coefficients.
+const PINHOLE: usize = CameraModel::PINHOLE_PARAMETERS.len();
 
 impl StereoCalibration {
-    /// Standard deviation of a parameter: pixels, 1, radians or metres; zero if held fixed, NaN if unknown.
-    pub fn sigma(&self, parameter: Parameter) -> f64 {
-        self.sigmas().map_or(f64::NAN, |sigmas| sigmas[parameter as usize])
+    /// Standard deviation of the parameter of a name: pixels, 1, radians or metres; zero if held fixed, `None` if
+    /// unknown or not one of [`parameter_names`](Self::parameter_names).
+    pub fn sigma(&self, parameter: &str) -> Option<f64> {
+        let index = self.parameter_names().iter().position(|name| name == parameter)?;
+        Some(self.sigmas()?[index])
     }
 
-    /// Standard deviations in the order of [`Parameter`]; `None` if the covariance is unknown.
-    pub fn sigmas(&self) -> Option<[f64; Parameter::COUNT]> {
+    /// Standard deviations in the order of [`parameter_names`](Self::parameter_names); `None` if the covariance is
+    /// unknown.
+    pub fn sigmas(&self) -> Option<Vec<f64>> {
         let covariance = self.covariance.as_ref()?;
-        Some(std::array::from_fn(|i| covariance[(i, i)].max(0.0).sqrt()))
+        Some(covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect())
+    }
+
+    /// First parameter of the right camera, first of the pose, and their number.
+    fn layout(&self) -> [usize; 3] {
+        let right = PINHOLE + self.left.lens.coefficient_names().len();
+        let pose = right + PINHOLE + self.right.lens.coefficient_names().len();
+        [right, pose, pose + Self::POSE_PARAMETERS.len()]
     }
 
     /// Standard deviation of the baseline's length, metres; NaN if unknown.
     pub fn baseline_sigma_m(&self) -> f64 {
         let direction = self.right_from_left.translation_m.normalize();
-        let mut by_parameter = Gradient::zeros();
-        by_parameter.fixed_rows_mut::<3>(Parameter::TranslationX as usize).copy_from(&direction);
+        let [_, pose, count] = self.layout();
+        let mut by_parameter = DVector::zeros(count);
+        by_parameter.fixed_rows_mut::<3>(pose + 3).copy_from(&direction);
         self.covariance_of(&by_parameter, &by_parameter).map_or(f64::NAN, |variance| variance.max(0.0).sqrt())
     }
 
@@ -61,13 +69,8 @@ impl StereoCalibration {
     }
 
     /// `aᵀ C b`.
-    fn covariance_of(&self, a: &Gradient, b: &Gradient) -> Option<f64> {
-        let covariance = self.covariance.as_ref()?;
-        Some(
-            (0..Parameter::COUNT)
-                .map(|i| a[i] * (0..Parameter::COUNT).map(|j| covariance[(i, j)] * b[j]).sum::<f64>())
-                .sum(),
-        )
+    fn covariance_of(&self, a: &DVector<f64>, b: &DVector<f64>) -> Option<f64> {
+        Some(a.dot(&(self.covariance.as_ref()? * b)))
     }
 
     fn depth_gradients(&self) -> Option<DepthGradients> {
@@ -76,9 +79,10 @@ impl StereoCalibration {
         let near = 0.1 / baseline_m;
         let far_pair = self.central_pair(0.0)?;
         let near_pair = self.central_pair(near)?;
-        let (mut pointing, mut scale) = (Gradient::zeros(), Gradient::zeros());
-        for parameter in 0..Parameter::COUNT {
-            let step = step_of(parameter);
+        let [.., count] = self.layout();
+        let (mut pointing, mut scale) = (DVector::zeros(count), DVector::zeros(count));
+        for parameter in 0..count {
+            let step = self.step_of(parameter);
             let (ahead, behind) = (self.perturbed(parameter, step), self.perturbed(parameter, -step));
             let slope = |pair: &PixelPair| {
                 Some((ahead.inverse_depth(pair)? - behind.inverse_depth(pair)?) / (2.0 * step))
@@ -96,8 +100,7 @@ impl StereoCalibration {
         let aligned = frame.align_left(self.left.normalised_from_pixel(left)?);
         let aligned_right = aligned - Vector2::new(frame.baseline_m * inverse_depth, 0.0);
         let ray = frame.aligned_from_right.transpose() * aligned_right.push(1.0);
-        let right = (ray.z > 0.0).then(|| self.right.pixel_from_normalised(ray.xy() / ray.z))?;
-        Some(PixelPair { left, right })
+        Some(PixelPair { left, right: self.right.project(ray)? })
     }
 
     fn inverse_depth(&self, pair: &PixelPair) -> Option<f64> {
@@ -107,27 +110,35 @@ impl StereoCalibration {
         Some((left.x - right.x) / frame.baseline_m)
     }
 
-    /// The rig with one parameter moved, in the order and sense of [`Parameter`].
+    /// The rig with one parameter moved, in the order and sense of [`parameter_names`](Self::parameter_names).
     fn perturbed(&self, parameter: usize, amount: f64) -> Self {
+        let [right, pose, _] = self.layout();
         let mut moved = Self { covariance: None, views: Vec::new(), ..*self };
-        match parameter {
-            0..RIGHT => perturb(&mut moved.left, parameter, amount),
-            p if p < Parameter::RotationX as usize => perturb(&mut moved.right, p - RIGHT, amount),
-            p => {
-                let mut increment = [Vector3::zeros(); 2];
-                let axis = p - Parameter::RotationX as usize;
-                increment[axis / 3][axis % 3] = amount;
-                moved.right_from_left = self.right_from_left.moved(increment[0], increment[1]);
-            }
+        if parameter < right {
+            perturb(&mut moved.left, parameter, amount);
+        } else if parameter < pose {
+            perturb(&mut moved.right, parameter - right, amount);
+        } else {
+            let mut increment = [Vector3::zeros(); 2];
+            let axis = parameter - pose;
+            increment[axis / 3][axis % 3] = amount;
+            moved.right_from_left = self.right_from_left.moved(increment[0], increment[1]);
         }
         moved
+    }
+
+    /// Step of a central difference: pixels, coefficients, radians and metres.
+    fn step_of(&self, parameter: usize) -> f64 {
+        let [right, pose, _] = self.layout();
+        let of_camera = if parameter < right { parameter } else { parameter - right };
+        if parameter < pose && of_camera < PINHOLE { 1e-3 } else { 1e-6 }
     }
 }
 
 /// How inverse depth depends on the parameters: `pointing` at infinity, `scale` times itself.
 struct DepthGradients {
-    pointing: Gradient,
-    scale: Gradient,
+    pointing: DVector<f64>,
+    scale: DVector<f64>,
 }
 
 /// Where both cameras see one point, pixels.
@@ -137,21 +148,14 @@ struct PixelPair {
 }
 
 fn perturb(camera: &mut CameraModel, parameter: usize, amount: f64) {
-    let mut coefficients = camera.distortion.to_array();
     match parameter {
         0 | 1 => camera.focal_px[parameter] += amount,
         2 | 3 => camera.center_px[parameter - 2] += amount,
-        _ => coefficients[parameter - 4] += amount,
-    }
-    camera.distortion = Distortion::from_array(coefficients);
-}
-
-/// Steps of central differences: pixels, coefficients, radians and metres.
-fn step_of(parameter: usize) -> f64 {
-    match parameter {
-        18.. => 1e-6,
-        p if p % RIGHT < 4 => 1e-3,
-        _ => 1e-6,
+        _ => {
+            let mut coefficients = camera.lens.coefficients();
+            coefficients[parameter - PINHOLE] += amount;
+            camera.lens = camera.lens.with_coefficients(&coefficients).expect("as many as there were");
+        }
     }
 }
 
@@ -159,15 +163,15 @@ fn step_of(parameter: usize) -> f64 {
 mod tests {
     use nalgebra::{DMatrix, Rotation3};
 
-    use crate::camera::Pose;
+    use crate::camera::{Lens, Pose};
 
     use super::*;
 
-    fn rig(covariance: DMatrix<f64>) -> StereoCalibration {
+    fn rig() -> StereoCalibration {
         let camera = CameraModel {
             focal_px: [500.0, 500.0],
             center_px: [319.5, 239.5],
-            distortion: Distortion::default(),
+            lens: Lens::default(),
             width: 640,
             height: 480,
         };
@@ -175,32 +179,36 @@ mod tests {
             rotation: Rotation3::identity().into_inner(),
             translation_m: Vector3::new(-0.1, 0.0, 0.0),
         };
-        let mut rig = StereoCalibration::new(camera, camera, pose).expect("an ordinary rig");
-        rig.covariance = Some(covariance);
-        rig
+        StereoCalibration::new(camera, camera, pose).expect("an ordinary rig")
     }
 
-    fn only(parameter: Parameter, sigma: f64) -> DMatrix<f64> {
-        let mut covariance = DMatrix::zeros(Parameter::COUNT, Parameter::COUNT);
-        covariance[(parameter as usize, parameter as usize)] = sigma * sigma;
-        covariance
+    fn only(parameter: &str, sigma: f64) -> StereoCalibration {
+        let mut rig = rig();
+        let names = rig.parameter_names();
+        let index = names.iter().position(|name| name == parameter).expect("one of its parameters");
+        let mut covariance = DMatrix::zeros(names.len(), names.len());
+        covariance[(index, index)] = sigma * sigma;
+        rig.covariance = Some(covariance);
+        rig.validate().expect("as many as its parameters");
+        rig
     }
 
     #[test]
     fn a_yaw_error_grows_with_the_square_of_depth() {
         // Z = f b / d, and a yaw of δ moves the right image by f δ at its centre: σ_Z = Z² δ / b.
-        let rig = rig(only(Parameter::RotationY, 1e-4));
+        let rig = only("rotation_y", 1e-4);
         for depth_m in [1.0, 3.0, 10.0] {
             let expected = depth_m * depth_m * 1e-4 / 0.1;
             assert!((rig.range_sigma_m(depth_m) / expected - 1.0).abs() < 0.02, "at {depth_m} m");
         }
-        assert_eq!(rig.sigma(Parameter::RotationY), 1e-4);
-        assert_eq!(rig.sigma(Parameter::LeftFx), 0.0);
+        assert_eq!(rig.sigma("rotation_y"), Some(1e-4));
+        assert_eq!(rig.sigma("left_fx"), Some(0.0));
+        assert_eq!(rig.sigma("left_k6"), None);
     }
 
     #[test]
     fn a_baseline_error_is_a_scale() {
-        let rig = rig(only(Parameter::TranslationX, 1e-4));
+        let rig = only("translation_x_m", 1e-4);
         for depth_m in [1.0, 3.0, 10.0] {
             assert!((rig.range_sigma_m(depth_m) / (depth_m * 1e-3) - 1.0).abs() < 1e-3, "at {depth_m} m");
         }
@@ -209,9 +217,8 @@ mod tests {
 
     #[test]
     fn unknown_is_nan_and_not_zero() {
-        let mut rig = rig(only(Parameter::LeftFx, 1.0));
-        rig.covariance = None;
+        let rig = rig();
         assert!(rig.range_sigma_m(3.0).is_nan() && rig.baseline_sigma_m().is_nan());
-        assert!(rig.sigma(Parameter::LeftFx).is_nan());
+        assert_eq!(rig.sigma("left_fx"), None);
     }
 }

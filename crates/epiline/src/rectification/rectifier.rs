@@ -115,6 +115,7 @@ fn camera_map(
     geometry: &RectifiedGeometry,
 ) -> Result<Remap> {
     let camera_from_aligned = aligned_from_camera.transpose();
+    let view = camera.view();
     let size = (geometry.width, geometry.height);
     let map = Remap::from_fn(size, (camera.width, camera.height), |x, y| {
         let ray = camera_from_aligned
@@ -123,12 +124,7 @@ fn camera_map(
                 (y as f64 - geometry.cy_px) / geometry.focal_px,
                 1.0,
             );
-        if ray.z <= 0.0 {
-            return None;
-        }
-        let ideal = ray.xy() / ray.z;
-        let pixel = camera.pixel_from_normalised(ideal);
-        camera.distortion.is_monotonic_at(ideal).then_some([pixel.x, pixel.y])
+        view.project(&ray).map(Into::into)
     })?;
     if map.valid().rows().flatten().all(|&valid| valid == 0) {
         let reason = format!("no pixel of the aligned view has a source in the {name}'s image");

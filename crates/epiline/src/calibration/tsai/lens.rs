@@ -3,30 +3,8 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 use super::{Intrinsics, Sensor, TsaiCamera};
-use crate::calibration::lens::{Lens, Projected, perspective};
-use crate::camera::{Distortion, Pose};
-
-/// The radius `r` with `r (1 + kappa1 r²) = undistorted`; `None` beyond the barrel limit `r² = -1/(3 kappa1)`.
-///
-/// Newton's method from the undistorted radius: the cubic is convex (kappa1 > 0) or concave (kappa1 < 0) and
-/// increasing between there and the root, so the iteration is monotonic; Willson solves the same cubic by Cardano.
-pub(super) fn distorted_radius(undistorted: f64, kappa1: f64) -> Option<f64> {
-    if kappa1 < 0.0 {
-        let limit = (-1.0 / (3.0 * kappa1)).sqrt();
-        if undistorted >= limit * (2.0 / 3.0) {
-            return None;
-        }
-    }
-    let mut r = undistorted;
-    for _ in 0..60 {
-        let step = (r * (1.0 + kappa1 * r * r) - undistorted) / (1.0 + 3.0 * kappa1 * r * r);
-        r -= step;
-        if step.abs() <= 1e-15 * r {
-            break;
-        }
-    }
-    r.is_finite().then_some(r)
-}
+use crate::calibration::lens::{Lens, Projected};
+use crate::camera::{Brown, LensFormula, LensImage, Pose, Tsai, distorted_radius};
 
 /// Tsai's model for the solver: f (mm), kappa1 (1/mm²), Cx, Cy (pixels), sx.
 pub(super) struct TsaiLens {
@@ -50,30 +28,18 @@ impl TsaiLens {
 impl Lens<5> for TsaiLens {
     fn project(&self, intrinsics: &Intrinsics, point_m: &Vector3<f64>) -> Option<Projected<5>> {
         let [f_mm, kappa1, cx, cy, sx] = (*intrinsics).into();
-        let (ideal, ideal_by_point) = perspective(point_m)?;
-        let undistorted = ideal * f_mm;
-        let radius = undistorted.norm();
-        let distorted = if radius > 0.0 {
-            undistorted * (distorted_radius(radius, kappa1)? / radius)
-        } else {
-            undistorted
-        };
-        // Implicit function of u = d (1 + kappa1 |d|²): d' = (∂u/∂d)⁻¹.
-        let r2 = distorted.norm_squared();
-        let by_distorted =
-            Matrix2::identity() * (1.0 + kappa1 * r2) + distorted * distorted.transpose() * (2.0 * kappa1);
-        let by_undistorted = by_distorted.try_inverse()?;
+        let lens = Tsai { kappa1: kappa1 * f_mm * f_mm };
+        let LensImage { at, by_ray, by_coefficient } = lens.image(point_m)?;
         let to_pixels = Matrix2::from_diagonal(&Vector2::new(sx / self.dpx_mm, 1.0 / self.dpy_mm));
-        let by_ideal = to_pixels * by_undistorted * f_mm;
         let mut by_intrinsics = SMatrix::<f64, 2, 5>::zeros();
-        by_intrinsics.set_column(0, &(to_pixels * by_undistorted * ideal));
-        by_intrinsics.set_column(1, &(to_pixels * by_undistorted * distorted * -r2));
+        by_intrinsics.set_column(0, &(to_pixels * (at + by_coefficient * (2.0 * lens.kappa1))));
+        by_intrinsics.set_column(1, &(to_pixels * by_coefficient * f_mm.powi(3)));
         by_intrinsics[(0, 2)] = 1.0;
         by_intrinsics[(1, 3)] = 1.0;
-        by_intrinsics[(0, 4)] = distorted.x / self.dpx_mm;
+        by_intrinsics[(0, 4)] = f_mm * at.x / self.dpx_mm;
         Some(Projected {
-            pixel: to_pixels * distorted + Vector2::new(cx, cy),
-            by_point: by_ideal * ideal_by_point,
+            pixel: to_pixels * at * f_mm + Vector2::new(cx, cy),
+            by_point: to_pixels * by_ray * f_mm,
             by_intrinsics,
         })
     }
@@ -84,7 +50,7 @@ impl Lens<5> for TsaiLens {
 /// Tsai's distorted radius is the inverse of a cubic, so no polynomial equals it; this one is the least-squares fit
 /// of `d/u - 1 = k1 u² + k2 u⁴ + k3 u⁶` over the undistorted radii u up to that of `largest_distorted`, all in
 /// units of the focal length. `None` if that radius lies beyond the barrel limit.
-pub fn brown_from_tsai(kappa1_f2: f64, largest_distorted: f64) -> Option<Distortion> {
+pub fn brown_from_tsai(kappa1_f2: f64, largest_distorted: f64) -> Option<Brown> {
     const SAMPLES: usize = 64;
     if kappa1_f2 < 0.0 && largest_distorted >= (-1.0 / (3.0 * kappa1_f2)).sqrt() {
         return None;
@@ -102,10 +68,10 @@ pub fn brown_from_tsai(kappa1_f2: f64, largest_distorted: f64) -> Option<Distort
     }
     let k = normal.cholesky()?.solve(&right_side);
     let scale = 1.0 / (largest * largest);
-    Some(Distortion {
+    Some(Brown {
         k1: k.x * scale,
         k2: k.y * scale * scale,
         k3: k.z * scale * scale * scale,
-        ..Distortion::default()
+        ..Brown::default()
     })
 }

@@ -29,8 +29,7 @@ pub use pair::calibrate_rig;
 
 use nalgebra::{Matrix3, SVector, Vector2, Vector3};
 
-use self::lens::distorted_radius;
-use crate::camera::Pose;
+use crate::camera::{Pose, distorted_radius};
 use crate::error::{Error, Result};
 
 /// What is known of the sensor before: pixel pitch, principal point, horizontal scale.

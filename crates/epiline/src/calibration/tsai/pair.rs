@@ -9,7 +9,7 @@ use crate::calibration::homography::{Pinhole, image_center, pose};
 use crate::calibration::lens::BrownConrady;
 use crate::calibration::solver::Estimate;
 use crate::calibration::{BoardView, BundleOptions, input, rig, start};
-use crate::camera::{CameraModel, Parameter, Pose, StereoCalibration};
+use crate::camera::{CameraModel, Pose, StereoCalibration};
 use crate::error::{Error, Result};
 
 /// Views from which the principal point and sx are solved for too; a single plane does not determine them.
@@ -138,9 +138,9 @@ impl Brown {
         Ok(Self { camera: BrownConrady::unpack(&parameters, image_size), by_tsai })
     }
 
-    /// Covariance in the order of [`Parameter`] from that of `left, right` in Tsai's model.
+    /// Covariance in the order of [`StereoCalibration::parameter_names`] from that of `left, right` in Tsai's model.
     fn covariance_with(&self, right: &Self, covariance: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut by_tsai = DMatrix::zeros(Parameter::COUNT, 2 * K + 6);
+        let mut by_tsai = DMatrix::zeros(2 * BROWN + 6, 2 * K + 6);
         by_tsai.view_mut((0, 0), (BROWN, K)).copy_from(&self.by_tsai);
         by_tsai.view_mut((BROWN, K), (BROWN, K)).copy_from(&right.by_tsai);
         by_tsai.view_mut((2 * BROWN, 2 * K), (6, 6)).fill_with_identity();

@@ -2,9 +2,10 @@
 
 use nalgebra::{Rotation3, SVector, Vector3};
 
-use super::lens::{TsaiLens, brown_from_tsai, distorted_radius};
+use super::lens::{TsaiLens, brown_from_tsai};
 use super::*;
 use crate::calibration::lens::tests::check_derivatives;
+use crate::camera::distorted_radius;
 
 const SENSOR: Sensor = Sensor { dpx_mm: 0.02, dpy_mm: 0.018, cx: 320.0, cy: 236.0, sx: 1.0 };
 

@@ -3,17 +3,16 @@
 use std::path::Path;
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use serde_saphyr::FlowSeq;
 
 use super::yaml::{self, Entry};
 use super::{io_error, read_text, write_atomically};
-use crate::camera::{CameraModel, Distortion, Parameter, Pose, StereoCalibration, ViewResidual};
+use crate::camera::{CameraModel, Lens, Pose, StereoCalibration, ViewResidual};
 use crate::error::{Error, Result};
 
 const FORMAT: &str = "epiline stereo rig";
 const VERSION: usize = 1;
-const LENS: &str = "brown-conrady";
 
 /// YAML's end of a document: without it, a file cut off within its last number would pass for a whole one.
 const END: &str = "...";
@@ -49,11 +48,8 @@ struct CameraEntry {
     fy_px: f64,
     cx_px: f64,
     cy_px: f64,
-    k1: f64,
-    k2: f64,
-    p1: f64,
-    p2: f64,
-    k3: f64,
+    #[serde(flatten)]
+    coefficients: Coefficients,
 }
 
 #[derive(Serialize)]
@@ -64,7 +60,7 @@ struct PoseEntry {
 
 #[derive(Serialize)]
 struct CovarianceEntry {
-    parameters: FlowSeq<Vec<&'static str>>,
+    parameters: FlowSeq<Vec<String>>,
     matrix: Vec<Row>,
 }
 
@@ -75,12 +71,29 @@ struct ViewEntry {
     left_from_board: PoseEntry,
 }
 
+/// A lens's coefficients by name, in their order.
+struct Coefficients(Lens);
+
+impl Serialize for Coefficients {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.coefficient_names().iter().zip(self.0.coefficients()))
+    }
+}
+
 impl From<&CameraModel> for CameraEntry {
     fn from(camera: &CameraModel) -> Self {
-        let ([fx_px, fy_px], [cx_px, cy_px]) = (camera.focal_px, camera.center_px);
-        let Distortion { k1, k2, p1, p2, k3 } = camera.distortion;
-        let (width_px, height_px) = (camera.width, camera.height);
-        Self { width_px, height_px, lens: LENS, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 }
+        let CameraModel { focal_px: [fx_px, fy_px], center_px: [cx_px, cy_px], lens, width, height } =
+            *camera;
+        Self {
+            width_px: width,
+            height_px: height,
+            lens: lens.name(),
+            fx_px,
+            fy_px,
+            cx_px,
+            cy_px,
+            coefficients: Coefficients(lens),
+        }
     }
 }
 
@@ -105,7 +118,7 @@ impl From<&StereoCalibration> for RigFile {
             rms_px: known(rig.rms_px),
             epipolar_error_px: known(rig.epipolar_error_px),
             covariance: rig.covariance.as_ref().map(|covariance| CovarianceEntry {
-                parameters: FlowSeq(Parameter::NAMES.to_vec()),
+                parameters: FlowSeq(rig.parameter_names()),
                 matrix: covariance.row_iter().map(|row| FlowSeq(row.iter().copied().collect())).collect(),
             }),
             views: rig
@@ -158,18 +171,21 @@ impl StereoCalibration {
                 version.error(format!("must be {VERSION}; a newer epiline may have written this file"))
             );
         }
-        let rig = Self {
+        let mut rig = Self {
             left: camera(&root.get("left")?)?,
             right: camera(&root.get("right")?)?,
             right_from_left: pose(&root.get("right_from_left")?)?,
             rms_px: optional_number(&root, "rms_px")?,
             epipolar_error_px: optional_number(&root, "epipolar_error_px")?,
-            covariance: root.optional("covariance")?.map(|entry| covariance(&entry)).transpose()?,
+            covariance: None,
             views: match root.optional("views")? {
                 Some(list) => list.list()?.map(|entry| view(&entry)).collect::<Result<_>>()?,
                 None => Vec::new(),
             },
         };
+        if let Some(entry) = root.optional("covariance")? {
+            rig.covariance = Some(covariance(&entry, &rig.parameter_names())?);
+        }
         // What single entries cannot show: a rotation that is none, cameras in one place.
         rig.validate().map_err(|error| match error {
             Error::InvalidParameter { name, value, expected } => {
@@ -187,10 +203,14 @@ fn optional_number(parent: &Entry<'_>, key: &str) -> Result<f64> {
 
 fn camera(entry: &Entry<'_>) -> Result<CameraModel> {
     let number = |key| entry.get(key)?.number();
-    let lens = entry.get("lens")?;
-    if lens.text()? != LENS {
-        return Err(lens.error(format!("is '{}'; this version reads '{LENS}'", lens.text()?)));
-    }
+    let name = entry.get("lens")?;
+    let model = Lens::of_name(name.text()?).ok_or_else(|| {
+        name.error(format!(
+            "is '{}'; expected one of {}",
+            name.text().unwrap_or_default(),
+            Lens::NAMES.join(", ")
+        ))
+    })?;
     let focal = |key| {
         let focal = entry.get(key)?;
         let value = focal.number()?;
@@ -203,16 +223,15 @@ fn camera(entry: &Entry<'_>) -> Result<CameraModel> {
             pixels => Ok(pixels),
         }
     };
+    let coefficients = model
+        .coefficient_names()
+        .iter()
+        .map(|coefficient| number(coefficient))
+        .collect::<Result<Vec<_>>>()?;
     Ok(CameraModel {
         focal_px: [focal("fx_px")?, focal("fy_px")?],
         center_px: [number("cx_px")?, number("cy_px")?],
-        distortion: Distortion {
-            k1: number("k1")?,
-            k2: number("k2")?,
-            p1: number("p1")?,
-            p2: number("p2")?,
-            k3: number("k3")?,
-        },
+        lens: model.with_coefficients(&coefficients).expect("one number for each name"),
         width: side("width_px")?,
         height: side("height_px")?,
     })
@@ -220,7 +239,7 @@ fn camera(entry: &Entry<'_>) -> Result<CameraModel> {
 
 fn pose(entry: &Entry<'_>) -> Result<Pose> {
     let rotation = entry.get("rotation")?;
-    let matrix = Matrix3::from_row_slice(&rotation.square::<3>()?);
+    let matrix = Matrix3::from_row_slice(&rotation.square(3)?);
     let residual = (matrix.transpose() * matrix - Matrix3::identity()).abs().max();
     if residual > 1e-4 || matrix.determinant() < 0.0 {
         return Err(rotation.error(format!("is no rotation matrix: off orthonormal by {residual:.2e}")));
@@ -229,18 +248,18 @@ fn pose(entry: &Entry<'_>) -> Result<Pose> {
     Ok(Pose { rotation: matrix, translation_m })
 }
 
-fn covariance(entry: &Entry<'_>) -> Result<DMatrix<f64>> {
+fn covariance(entry: &Entry<'_>, expected: &[String]) -> Result<DMatrix<f64>> {
     let parameters = entry.get("parameters")?;
     let names = parameters.list()?.map(|name| name.text()).collect::<Result<Vec<_>>>()?;
-    if names != Parameter::NAMES {
-        return Err(parameters.error("does not list the parameters of this version in their order"));
+    if names != expected {
+        return Err(parameters.error("does not list the parameters of these two lenses in their order"));
     }
     let matrix = entry.get("matrix")?;
-    let values = matrix.square::<{ Parameter::COUNT }>()?;
-    let covariance = DMatrix::from_row_slice(Parameter::COUNT, Parameter::COUNT, &values);
-    if let Some(i) = (0..Parameter::COUNT).find(|&i| covariance[(i, i)] < 0.0) {
+    let values = matrix.square(expected.len())?;
+    let covariance = DMatrix::from_row_slice(expected.len(), expected.len(), &values);
+    if let Some(i) = (0..expected.len()).find(|&i| covariance[(i, i)] < 0.0) {
         let value = covariance[(i, i)];
-        return Err(matrix.error(format!("has a negative variance, {value}, of {}", Parameter::NAMES[i])));
+        return Err(matrix.error(format!("has a negative variance, {value}, of {}", expected[i])));
     }
     Ok(covariance)
 }

@@ -200,26 +200,28 @@ impl<'a> Entry<'a> {
 
     /// Exactly `N` numbers.
     pub fn numbers<const N: usize>(&self) -> Result<[f64; N]> {
-        let list = self.list().map_err(|_| self.expected(&format!("a list of {N} numbers")))?;
-        if list.len() != N {
-            return Err(self.expected(&format!("a list of {N} numbers")));
-        }
-        let mut numbers = [0.0; N];
-        for (number, entry) in numbers.iter_mut().zip(list) {
-            *number = entry.number()?;
-        }
-        Ok(numbers)
+        let numbers = self.all_numbers(N)?;
+        Ok(numbers.try_into().expect("as many as asked for"))
     }
 
-    /// `N` rows of `N` numbers, row after row.
-    pub fn square<const N: usize>(&self) -> Result<Vec<f64>> {
-        let rows = self.list()?;
-        if rows.len() != N {
-            return Err(self.expected(&format!("a list of {N} rows of {N} numbers")));
+    /// Exactly `count` numbers.
+    pub fn all_numbers(&self, count: usize) -> Result<Vec<f64>> {
+        let list = self.list().map_err(|_| self.expected(&format!("a list of {count} numbers")))?;
+        if list.len() != count {
+            return Err(self.expected(&format!("a list of {count} numbers")));
         }
-        let mut values = Vec::with_capacity(N * N);
+        list.map(|entry| entry.number()).collect()
+    }
+
+    /// `side` rows of `side` numbers, row after row.
+    pub fn square(&self, side: usize) -> Result<Vec<f64>> {
+        let rows = self.list()?;
+        if rows.len() != side {
+            return Err(self.expected(&format!("a list of {side} rows of {side} numbers")));
+        }
+        let mut values = Vec::with_capacity(side * side);
         for row in rows {
-            values.extend(row.numbers::<N>()?);
+            values.extend(row.all_numbers(side)?);
         }
         Ok(values)
     }
