@@ -126,9 +126,24 @@ class StereoCalibration:
     @property
     def views(self) -> list[ViewResidual]: ...
     def range_sigma(self, z_m: float) -> float: ...
-    def save(self, path: Path) -> None: ...
+    def save(
+        self,
+        path: Path | tuple[Path, Path],
+        *,
+        format: Literal["epiline", "opencv", "ros", "kalibr", "mrcal", "middlebury", "kitti", "kitti-grey"]
+        | None = None,
+    ) -> None: ...
     @staticmethod
-    def load(path: Path) -> StereoCalibration: ...
+    def load(
+        path: Path | tuple[Path, Path],
+        *,
+        format: Literal[
+            "epiline", "opencv", "ros", "kalibr", "mrcal", "boofcv", "middlebury", "kitti", "kitti-grey"
+        ]
+        | None = None,
+        image_size: tuple[int, int] | None = None,
+        unit_m: float = 1.0,
+    ) -> StereoCalibration: ...
 
 def read_kitti_projection(path: Path) -> dict[str, Any]: ...
 

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use epiline::camera::{CameraModel, Lens, Pose, StereoCalibration, ViewResidual, formats::kitti};
+use epiline::camera::formats::{Format, ReadOptions, kitti};
+use epiline::camera::{CameraModel, Lens, Pose, StereoCalibration, ViewResidual};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -47,6 +48,22 @@ fn matrix_of(name: &str, object: &Bound<'_, PyAny>) -> PyResult<Matrix3<f64>> {
         return Err(PyValueError::new_err(format!("{name}: expected shape (3, 3), got ({given}, 3)")));
     }
     Ok(Matrix3::from_fn(|r, c| rows[r][c]))
+}
+
+/// One file of a rig, or two.
+#[derive(FromPyObject)]
+enum Paths {
+    One(PathBuf),
+    Two(PathBuf, PathBuf),
+}
+
+impl Paths {
+    fn into_vec(self) -> Vec<PathBuf> {
+        match self {
+            Self::One(path) => vec![path],
+            Self::Two(left, right) => vec![left, right],
+        }
+    }
 }
 
 /// The lens of a model's name, or of OpenCV's number of coefficients.
@@ -397,27 +414,68 @@ impl PyStereoCalibration {
         self.0.range_sigma_m(z_m)
     }
 
-    /// Writes the rig as YAML, exactly; the file appears complete or not at all.
+    /// Writes the rig to one file, or to one for each camera; each appears complete or not at all.
+    ///
+    /// Parameters
+    /// ----------
+    /// path : path or (path, path)
+    ///     The file; for formats with two, those of the left and of the right camera (OpenCV: intrinsics, extrinsics).
+    /// format : {"epiline", "opencv", "ros", "kalibr", "mrcal", "middlebury", "kitti"}, optional
+    ///     By default the names decide: one file is YAML of ours, with covariance, errors and views, which other
+    ///     formats go without; one in ``.xml`` is OpenCV's, in ``.txt`` Middlebury's; two in ``.yaml`` are ROS's, in
+    ///     ``.cameramodel`` mrcal's.
     ///
     /// Raises
     /// ------
     /// OSError
-    ///     The file cannot be written.
-    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| self.0.save(path)).or_raise()
+    ///     A file cannot be written.
+    /// epiline.Error
+    ///     The format cannot hold this rig; the message says what of it.
+    /// ValueError
+    ///     The format is unknown, cannot be written, or has another number of files.
+    #[pyo3(signature = (path, *, format = None))]
+    fn save(&self, py: Python<'_>, path: Paths, format: Option<&str>) -> PyResult<()> {
+        let format = format.map(Format::of_name).transpose().or_raise()?;
+        py.detach(|| self.0.save_files(&path.into_vec(), format)).or_raise()
     }
 
-    /// Reads a rig that ``save`` wrote.
+    /// Reads a rig of any known format.
+    ///
+    /// Parameters
+    /// ----------
+    /// path : path or (path, path)
+    ///     The file; for formats with two, those of the left and of the right camera (OpenCV: intrinsics, extrinsics).
+    /// format : {"epiline", "opencv", "ros", "kalibr", "mrcal", "boofcv", "middlebury", "kitti", "kitti-grey"}, optional
+    ///     By default the content decides.
+    /// image_size : (width, height), optional
+    ///     Of the images, pixels, for files without it: OpenCV's, those of KITTI's benchmarks.
+    /// unit_m : float
+    ///     Metres in one unit of length, for files that do not say: OpenCV's and BoofCV's. 0.001 if the board was
+    ///     measured in millimetres.
     ///
     /// Raises
     /// ------
     /// OSError
-    ///     The file cannot be read.
+    ///     A file cannot be read.
     /// epiline.Error
-    ///     An entry is missing, of the wrong type, not finite, or the rig could not exist.
+    ///     An entry is missing, of the wrong type, not finite, no lens here equals the file's, or the rig could not
+    ///     exist.
+    /// ValueError
+    ///     The format is unknown or has another number of files.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        py.detach(|| StereoCalibration::load(path)).map(Self).or_raise()
+    #[pyo3(signature = (path, *, format = None, image_size = None, unit_m = 1.0))]
+    fn load(
+        py: Python<'_>,
+        path: Paths,
+        format: Option<&str>,
+        image_size: Option<(i64, i64)>,
+        unit_m: f64,
+    ) -> PyResult<Self> {
+        let format = format.map(Format::of_name).transpose().or_raise()?;
+        let image_size =
+            image_size.map(|(w, h)| PyResult::Ok((whole("width", w)?, whole("height", h)?))).transpose()?;
+        let options = ReadOptions { format, image_size, unit_m };
+        py.detach(|| StereoCalibration::load_files(&path.into_vec(), &options)).map(Self).or_raise()
     }
 
     fn __repr__(&self) -> String {

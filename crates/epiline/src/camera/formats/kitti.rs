@@ -1,12 +1,71 @@
-//! The `calib.txt` that comes with the Karlsruhe sequences, KITTI's predecessor: pictures already aligned and cropped.
+//! KITTI's calibration files: lines of `name: numbers`, 3x4 projection matrices of pictures already aligned.
 //!
-//! Lines of `name: numbers`. `P1_roi` and `P2_roi` are the 3x4 projection matrices of the cropped pictures, row after
-//! row; `roi` is (first column, last column, first row, last row) of the crop, as the size of the pictures shows.
+//! - `calib_cam_to_cam.txt` of the raw recordings: `P_rect_00` … `P_rect_03`, the size in `S_rect_00` …;
+//! - the benchmarks' `P0` … `P3`, without a size;
+//! - the `calib.txt` of the Karlsruhe sequences, KITTI's predecessor: `P1_roi` and `P2_roi` of cropped pictures; `roi`
+//!   is (first column, last column, first row, last row) of the crop, as the size of the pictures shows.
+//!
+//! Cameras 0 and 1 are KITTI's grey pair, 2 and 3 the one in colour.
 
 use std::path::Path;
 
-use super::{file_error, read_text};
+use super::aligned::Aligned;
+use super::{Pair, ReadOptions, file_error, finite_numbers, read_text, size_from_options};
+use crate::camera::StereoCalibration;
 use crate::error::Result;
+
+/// Which of KITTI's two pairs of cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Cameras {
+    Grey,
+    Colour,
+}
+
+/// Whether a text is one of the three files.
+pub(super) fn recognises(text: &str) -> bool {
+    let names = ["P0", "P2", "P_rect_00", "P_rect_02", "P1_roi"];
+    text.lines().filter_map(|line| line.split_once(':')).any(|(key, _)| names.contains(&key.trim()))
+}
+
+/// The rig of the file.
+pub(super) fn read_pair(path: &Path, text: &str, cameras: Cameras, options: &ReadOptions) -> Result<Pair> {
+    let has =
+        |name: &str| text.lines().any(|line| line.split_once(':').is_some_and(|(key, _)| key.trim() == name));
+    if has("P1_roi") {
+        return Ok(karlsruhe(path, text)?.pair());
+    }
+    let numbers_of = match cameras {
+        Cameras::Grey => [0, 1],
+        Cameras::Colour => [2, 3],
+    };
+    if has("P_rect_00") || has("P_rect_02") {
+        let [left, right] = numbers_of.map(|i| format!("P_rect_0{i}"));
+        let name = format!("S_rect_0{}", numbers_of[0]);
+        let size: [f64; 2] = numbers(path, text, &name)?;
+        let sensible = size.iter().all(|side| side.fract() == 0.0 && (1.0..=16_384.0).contains(side));
+        if !sensible {
+            return Err(file_error(path, name, format!("is {size:?}, which is no image")));
+        }
+        return Ok(projections(path, text, [&left, &right], size.map(|side| side as usize))?.pair());
+    }
+    let [left, right] = numbers_of.map(|i| format!("P{i}"));
+    let size = size_from_options(path, options)?;
+    Ok(projections(path, text, [&left, &right], size)?.pair())
+}
+
+/// The text of a `calib_cam_to_cam.txt` with the cameras 0 and 1.
+pub(super) fn text_of(path: &Path, rig: &StereoCalibration) -> Result<String> {
+    let Aligned { focal_px: f, left_cx_px, right_cx_px, cy_px, baseline_m, width, height } =
+        Aligned::of(path, rig)?;
+    let camera = |i: usize, cx: f64, shift: f64| {
+        let (width, height) = (width as f64, height as f64);
+        format!(
+            "S_rect_0{i}: {width:e} {height:e}\nR_rect_0{i}: 1 0 0 0 1 0 0 0 1\n\
+             P_rect_0{i}: {f:e} 0 {cx:e} {shift:e} 0 {f:e} {cy_px:e} 0 0 0 1 0\n"
+        )
+    };
+    Ok(camera(0, left_cx_px, 0.0) + &camera(1, right_cx_px, -f * baseline_m))
+}
 
 /// What the two projection matrices say about an aligned pair.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,9 +95,14 @@ pub struct KittiProjection {
 pub fn read(path: impl AsRef<Path>) -> Result<KittiProjection> {
     let path = path.as_ref();
     let text = read_text(path)?;
-    let [x_first, x_last, y_first, y_last] = numbers(path, &text, "roi")?;
-    let left: [f64; 12] = numbers(path, &text, "P1_roi")?;
-    let right: [f64; 12] = numbers(path, &text, "P2_roi")?;
+    let Aligned { focal_px, left_cx_px, right_cx_px, cy_px, baseline_m, width, height } =
+        karlsruhe(path, &text)?;
+    let doffs_px = right_cx_px - left_cx_px;
+    Ok(KittiProjection { focal_px, cx_px: left_cx_px, cy_px, doffs_px, baseline_m, width, height })
+}
+
+fn karlsruhe(path: &Path, text: &str) -> Result<Aligned> {
+    let [x_first, x_last, y_first, y_last] = numbers(path, text, "roi")?;
     let side = |first: f64, last: f64| {
         let pixels = last - first + 1.0;
         let sensible = pixels.fract() == 0.0 && (1.0..=16_384.0).contains(&pixels);
@@ -46,37 +110,48 @@ pub fn read(path: impl AsRef<Path>) -> Result<KittiProjection> {
             .then_some(pixels as usize)
             .ok_or_else(|| file_error(path, "roi", format!("spans {first} to {last} px, which is no image")))
     };
+    let size = [side(x_first, x_last)?, side(y_first, y_last)?];
+    projections(path, text, ["P1_roi", "P2_roi"], size)
+}
+
+/// The pair of two named projection matrices.
+fn projections(
+    path: &Path,
+    text: &str,
+    [left_name, right_name]: [&str; 2],
+    [width, height]: [usize; 2],
+) -> Result<Aligned> {
+    let left: [f64; 12] = numbers(path, text, left_name)?;
+    let right: [f64; 12] = numbers(path, text, right_name)?;
     let (focal_px, baseline_m) = (left[0], (left[3] - right[3]) / left[0]);
     if focal_px <= 0.0 {
-        return Err(file_error(
-            path,
-            "P1_roi",
-            format!("has a focal length of {focal_px} px; must be positive"),
-        ));
+        let reason = format!("has a focal length of {focal_px} px; must be positive");
+        return Err(file_error(path, left_name, reason));
     }
-    // One focal length, one row, no shift but along the row: otherwise the pictures are not aligned.
-    let aligned = [(0, 5), (5, 5), (6, 6), (7, 7)];
-    for (a, b) in aligned {
-        if (left[a] - right[b]).abs() > 1e-3 {
+    // One focal length and one row: otherwise the pictures are not aligned. KITTI's own colour cameras differ by
+    // 1e-5 of the fourth column's second row, which moves nothing by a hundredth of a pixel.
+    let aligned = [(0, 5, 1e-3), (5, 5, 1e-3), (6, 6, 1e-3), (7, 7, 0.05 * focal_px)];
+    for (a, b, tolerance) in aligned {
+        if (left[a] - right[b]).abs() > tolerance {
             let reason = format!(
-                "disagrees with P1_roi: {} against {}; the pictures are not aligned",
+                "disagrees with {left_name}: {} against {}; the pictures are not aligned",
                 right[b], left[a]
             );
-            return Err(file_error(path, "P2_roi", reason));
+            return Err(file_error(path, right_name, reason));
         }
     }
     if baseline_m <= 0.0 {
         let reason = format!("puts the right camera {} m to the left of the left one", -baseline_m);
-        return Err(file_error(path, "P2_roi", reason));
+        return Err(file_error(path, right_name, reason));
     }
-    Ok(KittiProjection {
+    Ok(Aligned {
         focal_px,
-        cx_px: left[2],
+        left_cx_px: left[2],
+        right_cx_px: right[2],
         cy_px: left[6],
-        doffs_px: right[2] - left[2],
         baseline_m,
-        width: side(x_first, x_last)?,
-        height: side(y_first, y_last)?,
+        width,
+        height,
     })
 }
 
@@ -86,16 +161,5 @@ fn numbers<const N: usize>(path: &Path, text: &str, name: &str) -> Result<[f64; 
         .lines()
         .find_map(|line| line.split_once(':').filter(|(key, _)| key.trim() == name))
         .ok_or_else(|| file_error(path, name, "is missing"))?;
-    let words: Vec<&str> = line.1.split_whitespace().collect();
-    if words.len() != N {
-        return Err(file_error(path, name, format!("has {} numbers; expected {N}", words.len())));
-    }
-    let mut values = [0.0; N];
-    for (value, word) in values.iter_mut().zip(words) {
-        *value =
-            word.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
-                file_error(path, name, format!("holds '{word}', which is not a finite number"))
-            })?;
-    }
-    Ok(values)
+    finite_numbers(path, name, line.1.split_whitespace())
 }

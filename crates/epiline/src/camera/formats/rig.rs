@@ -2,23 +2,20 @@
 
 use std::path::Path;
 
-use nalgebra::{DMatrix, Matrix3, Vector3};
+use nalgebra::{DMatrix, Vector3};
 use serde::{Serialize, Serializer};
 use serde_saphyr::FlowSeq;
 
-use super::yaml::{self, Entry};
-use super::{io_error, read_text, write_atomically};
+use super::document::Entry;
+use super::io_error;
 use crate::camera::{CameraModel, Lens, Pose, StereoCalibration, ViewResidual};
-use crate::error::{Error, Result};
+use crate::error::Result;
 
 const FORMAT: &str = "epiline stereo rig";
 const VERSION: usize = 1;
 
 /// YAML's end of a document: without it, a file cut off within its last number would pass for a whole one.
 const END: &str = "...";
-
-/// The largest image side accepted, pixels.
-const MAX_SIDE_PX: usize = 16_384;
 
 type Row = FlowSeq<Vec<f64>>;
 
@@ -134,67 +131,46 @@ impl From<&StereoCalibration> for RigFile {
     }
 }
 
-impl StereoCalibration {
-    /// Writes the rig as YAML: everything, exactly; under a temporary name first, so that no reader sees half a file.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Io`] with the path, if the file cannot be written.
-    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
-        self.validate()?;
-        let text = serde_saphyr::to_string(&RigFile::from(self)).map_err(|e| io_error(path, e))?;
-        write_atomically(path, &format!("{text}{END}\n"))
-    }
+/// The whole text of a rig file.
+pub(super) fn text_of(path: &Path, rig: &StereoCalibration) -> Result<String> {
+    let text = serde_saphyr::to_string(&RigFile::from(rig)).map_err(|e| io_error(path, e))?;
+    Ok(format!("{text}{END}\n"))
+}
 
-    /// Reads a rig that [`save`](Self::save) wrote.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Io`] if the file cannot be read; [`Error::InvalidFile`] with the file, the entry and its value if
-    /// one is missing, of the wrong type, NaN or beyond reason, or the rig could not exist.
-    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        let text = read_text(path)?;
-        let document = yaml::parse(path, &text)?;
-        let root = Entry::root(path, &document);
-        if text.trim_end().lines().last() != Some(END) {
-            return Err(root.error(format!("is cut off: a rig file ends with a line '{END}'")));
-        }
-        let format = root.get("format")?;
-        if format.text()? != FORMAT {
-            return Err(format.error(format!("is '{}'; expected '{FORMAT}'", format.text()?)));
-        }
-        let version = root.get("version")?;
-        if version.count(usize::MAX >> 12)? != VERSION {
-            return Err(
-                version.error(format!("must be {VERSION}; a newer epiline may have written this file"))
-            );
-        }
-        let mut rig = Self {
-            left: camera(&root.get("left")?)?,
-            right: camera(&root.get("right")?)?,
-            right_from_left: pose(&root.get("right_from_left")?)?,
-            rms_px: optional_number(&root, "rms_px")?,
-            epipolar_error_px: optional_number(&root, "epipolar_error_px")?,
-            covariance: None,
-            views: match root.optional("views")? {
-                Some(list) => list.list()?.map(|entry| view(&entry)).collect::<Result<_>>()?,
-                None => Vec::new(),
-            },
-        };
-        if let Some(entry) = root.optional("covariance")? {
-            rig.covariance = Some(covariance(&entry, &rig.parameter_names())?);
-        }
-        // What single entries cannot show: a rotation that is none, cameras in one place.
-        rig.validate().map_err(|error| match error {
-            Error::InvalidParameter { name, value, expected } => {
-                super::file_error(path, name, format!("is {value}: {expected}"))
-            }
-            other => other,
-        })?;
-        Ok(rig)
+/// Whether a parsed document says what format it is of.
+pub(super) fn recognises(root: &Entry<'_>) -> bool {
+    root.optional("format").is_ok_and(|format| format.is_some())
+}
+
+/// The rig of a parsed file.
+pub(super) fn read(root: &Entry<'_>, text: &str) -> Result<StereoCalibration> {
+    if text.trim_end().lines().last() != Some(END) {
+        return Err(root.error(format!("is cut off: a rig file ends with a line '{END}'")));
     }
+    let format = root.get("format")?;
+    if format.text()? != FORMAT {
+        return Err(format.error(format!("is '{}'; expected '{FORMAT}'", format.text()?)));
+    }
+    let version = root.get("version")?;
+    if version.count(usize::MAX >> 12)? != VERSION {
+        return Err(version.error(format!("must be {VERSION}; a newer epiline may have written this file")));
+    }
+    let mut rig = StereoCalibration {
+        left: camera(&root.get("left")?)?,
+        right: camera(&root.get("right")?)?,
+        right_from_left: pose(&root.get("right_from_left")?)?,
+        rms_px: optional_number(root, "rms_px")?,
+        epipolar_error_px: optional_number(root, "epipolar_error_px")?,
+        covariance: None,
+        views: match root.optional("views")? {
+            Some(list) => list.list()?.map(|entry| view(&entry)).collect::<Result<_>>()?,
+            None => Vec::new(),
+        },
+    };
+    if let Some(entry) = root.optional("covariance")? {
+        rig.covariance = Some(covariance(&entry, &rig.parameter_names())?);
+    }
+    Ok(rig)
 }
 
 fn optional_number(parent: &Entry<'_>, key: &str) -> Result<f64> {
@@ -211,39 +187,23 @@ fn camera(entry: &Entry<'_>) -> Result<CameraModel> {
             Lens::NAMES.join(", ")
         ))
     })?;
-    let focal = |key| {
-        let focal = entry.get(key)?;
-        let value = focal.number()?;
-        (value > 0.0).then_some(value).ok_or_else(|| focal.error(format!("is {value}; must be positive")))
-    };
-    let side = |key| {
-        let side = entry.get(key)?;
-        match side.count(MAX_SIDE_PX)? {
-            0 => Err(side.error("is 0; must be positive")),
-            pixels => Ok(pixels),
-        }
-    };
     let coefficients = model
         .coefficient_names()
         .iter()
         .map(|coefficient| number(coefficient))
         .collect::<Result<Vec<_>>>()?;
     Ok(CameraModel {
-        focal_px: [focal("fx_px")?, focal("fy_px")?],
+        focal_px: [entry.get("fx_px")?.positive()?, entry.get("fy_px")?.positive()?],
         center_px: [number("cx_px")?, number("cy_px")?],
         lens: model.with_coefficients(&coefficients).expect("one number for each name"),
-        width: side("width_px")?,
-        height: side("height_px")?,
+        width: entry.get("width_px")?.side_px()?,
+        height: entry.get("height_px")?.side_px()?,
     })
 }
 
 fn pose(entry: &Entry<'_>) -> Result<Pose> {
     let rotation = entry.get("rotation")?;
-    let matrix = Matrix3::from_row_slice(&rotation.square(3)?);
-    let residual = (matrix.transpose() * matrix - Matrix3::identity()).abs().max();
-    if residual > 1e-4 || matrix.determinant() < 0.0 {
-        return Err(rotation.error(format!("is no rotation matrix: off orthonormal by {residual:.2e}")));
-    }
+    let matrix = rotation.rotation(&rotation.square(3)?)?;
     let translation_m = Vector3::from(entry.get("translation_m")?.numbers::<3>()?);
     Ok(Pose { rotation: matrix, translation_m })
 }
