@@ -2,6 +2,8 @@
 //!
 //! `(0, 0)` is the centre of the top-left pixel; `x` counts columns to the right, `y` rows downward.
 
+use std::ops::Range;
+
 use crate::error::{Error, Result};
 
 /// The largest width or height accepted anywhere, in pixels.
@@ -84,6 +86,14 @@ impl<'a, T> ImageRef<'a, T> {
     /// All rows from the top.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = &'a [T]> + '_ {
         (0..self.height).map(|y| self.row(y))
+    }
+
+    /// The part of it in some columns and rows, which are not empty and lie inside.
+    pub(crate) fn crop(&self, columns: Range<usize>, rows: Range<usize>) -> Self {
+        let first = rows.start * self.stride + columns.start;
+        let end = (rows.end - 1) * self.stride + columns.end;
+        let data = &self.data[first..end];
+        Self { data, width: columns.len(), height: rows.len(), stride: self.stride }
     }
 
     /// Fails with both names and sizes unless `other` has this image's size.

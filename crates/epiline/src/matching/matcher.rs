@@ -1,9 +1,12 @@
 //! The matcher: one call per frame, every buffer kept.
 
+use std::ops::Range;
+
 use super::fill::Filler;
-use super::map::DisparityMap;
+use super::map::{DisparityMap, Validity};
 use super::params::{MatcherParams, Method};
 use super::prepared::PreparedPair;
+use super::regions::{Group, MatchRegion, Reach, Rect, RegionMap, Tile, groups};
 use super::semi_global::{self, Penalties, SemiGlobal};
 use super::speckle::SpeckleFilter;
 use super::stripe::{Frame, Stripe};
@@ -12,6 +15,9 @@ use crate::error::Result;
 use crate::image::ImageRef;
 use crate::kernels::sad::fits_u16;
 use crate::kernels::{CostKernels, Kernels, Level};
+
+/// How far beyond a box its islands of speckle are followed at first, px.
+const SPECKLE_MARGIN: usize = 8;
 
 /// Dense matching of aligned pairs by the [`Method`] of [`MatcherParams`], with their tests.
 ///
@@ -26,6 +32,29 @@ pub struct StereoMatcher {
     buffers: Buffers,
     speckle: SpeckleFilter,
     filler: Filler,
+    region_map: RegionMap,
+    tile_map: DisparityMap,
+}
+
+/// Both images, and where they have a source.
+#[derive(Clone, Copy)]
+struct MaskedPair<'a> {
+    left: ImageRef<'a, u8>,
+    right: ImageRef<'a, u8>,
+    left_valid: Option<ImageRef<'a, u8>>,
+    right_valid: Option<ImageRef<'a, u8>>,
+}
+
+impl<'a> MaskedPair<'a> {
+    fn crop(&self, Rect { columns, rows }: &Rect) -> Self {
+        let crop = |image: ImageRef<'a, u8>| image.crop(columns.clone(), rows.clone());
+        Self {
+            left: crop(self.left),
+            right: crop(self.right),
+            left_valid: self.left_valid.map(crop),
+            right_valid: self.right_valid.map(crop),
+        }
+    }
 }
 
 /// Buffers for what the parameters need: window sums of one width, or paths.
@@ -62,6 +91,8 @@ impl StereoMatcher {
             buffers,
             speckle: SpeckleFilter::default(),
             filler: Filler::default(),
+            region_map: RegionMap::default(),
+            tile_map: DisparityMap::default(),
         })
     }
 
@@ -94,18 +125,137 @@ impl StereoMatcher {
     ) -> Result<()> {
         require_sizes(left, right, left_valid, right_valid)?;
         self.params.require_width(left.width())?;
-        let Self { params, kernels, threads, pair, buffers, speckle, filler } = self;
-        out.resize(left.width(), left.height());
+        let params = self.params;
+        self.compute_whole(&params, &MaskedPair { left, right, left_valid, right_valid }, out);
+        Ok(())
+    }
+
+    /// Disparities of some boxes of the left image, each with the range it asks for: exactly the values and bits that
+    /// matching the whole image with that range gives them. Everything else is [`Validity::BORDER`]. A pixel in several
+    /// boxes has the range of the first. `out` takes the images' size; its range spans those of the boxes.
+    ///
+    /// The cost is that of the boxes and of margins around them: half a window on every side; on the left the largest
+    /// disparity, and on the right, with the left–right test, as many columns as there are disparities. Islands of
+    /// speckle that leave a box are followed outside of it. With [`MatcherParams::fill`], and for [`Method::Sgm`],
+    /// answers depend on the whole image: all of it is matched.
+    ///
+    /// Fails as [`compute_masked`](Self::compute_masked) does, and if there is no box, more than
+    /// [`MatchRegion::MAX_COUNT`], or one that is empty or not inside the image.
+    pub fn compute_regions(
+        &mut self,
+        left: ImageRef<'_, u8>,
+        right: ImageRef<'_, u8>,
+        left_valid: Option<ImageRef<'_, u8>>,
+        right_valid: Option<ImageRef<'_, u8>>,
+        regions: &[MatchRegion],
+        out: &mut DisparityMap,
+    ) -> Result<()> {
+        require_sizes(left, right, left_valid, right_valid)?;
+        let pair = MaskedPair { left, right, left_valid, right_valid };
+        let (width, height) = (left.width(), left.height());
+        let groups = groups(regions, &self.params, width, height)?;
+        out.resize(width, height);
+        out.values.fill(0);
+        out.validity.fill(Validity::BORDER);
+        let end = |group: &Group| group.params.min_disparity + group.params.num_disparities;
+        out.min_disparity = groups.iter().map(|group| group.params.min_disparity).min().unwrap_or(0);
+        out.num_disparities = groups.iter().map(end).max().unwrap_or(0) - out.min_disparity;
+        let mut region_map = std::mem::take(&mut self.region_map);
+        for group in &groups {
+            region_map.start(width, height, &group.asked);
+            match Reach::of(&group.params) {
+                None => self.compute_whole(&group.params, &pair, &mut region_map.map),
+                Some(reach) => self.compute_near(group, reach, &pair, &mut region_map),
+            }
+            for Rect { columns, rows } in &group.asked {
+                for y in rows.clone() {
+                    let columns = columns.clone();
+                    out.values.row_mut(y)[columns.clone()]
+                        .copy_from_slice(&region_map.map.values.row(y)[columns.clone()]);
+                    out.validity.row_mut(y)[columns.clone()]
+                        .copy_from_slice(&region_map.map.validity.row(y)[columns]);
+                }
+            }
+        }
+        self.region_map = region_map;
+        Ok(())
+    }
+
+    /// Answers what a group asks for from crops of the images.
+    fn compute_near(
+        &mut self,
+        group: &Group,
+        reach: Reach,
+        pair: &MaskedPair<'_>,
+        region_map: &mut RegionMap,
+    ) {
+        let params = &group.params;
+        let (width, height) = (pair.left.width(), pair.left.height());
+        let mut wanted = group.asked.clone();
+        let mut margin = SPECKLE_MARGIN;
+        while !wanted.is_empty() {
+            for tile in reach.tiles(&wanted, width, height) {
+                let crop = reach.around(&tile.bounds, width, height);
+                self.compute_tile(params, &pair.crop(&crop), &tile, &crop);
+                region_map.take(&tile, crop.columns.start, &self.tile_map);
+            }
+            if params.speckle_size == 0 {
+                return;
+            }
+            region_map.clear_speckles();
+            self.speckle.mark(&mut region_map.map, params.speckle_size, params.speckle_range);
+            wanted = region_map.undecided(params.speckle_range, margin);
+            margin *= 2;
+        }
+    }
+
+    /// Matches the rows of a tile in a crop of the pair, which is `crop` in the image, into `tile_map`.
+    fn compute_tile(&mut self, params: &MatcherParams, pair: &MaskedPair<'_>, tile: &Tile, crop: &Rect) {
+        let Rect { rows, .. } = &tile.bounds;
+        let mut tile_map = std::mem::take(&mut self.tile_map);
+        tile_map.resize(crop.columns.len(), rows.len());
+        self.match_rows(
+            params,
+            pair,
+            rows.start - crop.rows.start..rows.end - crop.rows.start,
+            &mut tile_map,
+        );
+        self.tile_map = tile_map;
+    }
+
+    /// Every step, for the whole image.
+    fn compute_whole(&mut self, params: &MatcherParams, pair: &MaskedPair<'_>, out: &mut DisparityMap) {
+        out.resize(pair.left.width(), pair.left.height());
         out.min_disparity = params.min_disparity;
         out.num_disparities = params.num_disparities;
+        self.match_rows(params, pair, 0..pair.left.height(), out);
+        if params.speckle_size > 0 {
+            self.speckle.mark(out, params.speckle_size, params.speckle_range);
+        }
+        if params.fill {
+            self.filler.fill(out);
+        }
+    }
+
+    /// Everything that is decided row by row, for some rows of a pair; paths need all of them. `out` has the pair's width
+    /// and those rows.
+    fn match_rows(
+        &mut self,
+        params: &MatcherParams,
+        pair: &MaskedPair<'_>,
+        rows: Range<usize>,
+        out: &mut DisparityMap,
+    ) {
+        let &MaskedPair { left, right, left_valid, right_valid } = pair;
+        let Self { kernels, threads, pair, buffers, .. } = self;
         if let Buffers::U16(_) | Buffers::U32(_) = buffers {
             let lanes = kernels.lanes(params.num_disparities);
             pair.prepare(kernels, params, lanes, left, right, *threads);
         }
         let frame = Frame { kernels, params, pair, left_valid, right_valid };
         match buffers {
-            Buffers::U16(stripes) => compute_stripes(stripes, &frame, *threads, out),
-            Buffers::U32(stripes) => compute_stripes(stripes, &frame, *threads, out),
+            Buffers::U16(stripes) => compute_stripes(stripes, &frame, rows, *threads, out),
+            Buffers::U32(stripes) => compute_stripes(stripes, &frame, rows, *threads, out),
             Buffers::SemiGlobal(buffers) => {
                 let (buffers, penalties) = &mut **buffers;
                 let frame =
@@ -113,13 +263,6 @@ impl StereoMatcher {
                 buffers.compute(&frame, *threads, out);
             }
         }
-        if params.speckle_size > 0 {
-            speckle.mark(out, params.speckle_size, params.speckle_range);
-        }
-        if params.fill {
-            filler.fill(out);
-        }
-        Ok(())
     }
 }
 
@@ -142,10 +285,11 @@ pub(super) fn require_sizes(
 fn compute_stripes<C: CostKernels>(
     buffers: &mut Vec<Stripe<C>>,
     frame: &Frame<'_>,
+    rows: Range<usize>,
     threads: usize,
     out: &mut DisparityMap,
 ) {
-    let (width, height) = (out.width(), out.height());
+    let (width, height, first) = (out.width(), rows.len(), rows.start);
     let count = stripes(height, threads).len();
     buffers.resize_with(count.max(buffers.len()), Stripe::default);
     let (mut values, mut bits) = (out.values.as_mut_slice(), out.validity.as_mut_slice());
@@ -153,6 +297,7 @@ fn compute_stripes<C: CostKernels>(
         let (stripe_values, stripe_bits);
         (stripe_values, values) = std::mem::take(&mut values).split_at_mut(rows.len() * width);
         (stripe_bits, bits) = std::mem::take(&mut bits).split_at_mut(rows.len() * width);
+        let rows = first + rows.start..first + rows.end;
         move || stripe.compute(frame, rows, stripe_values, stripe_bits)
     });
     if count == 1 {
