@@ -278,6 +278,8 @@ class DisparityMap:
     @property
     def density(self) -> float: ...
     @property
+    def confidence(self) -> NDArray[np.float32]: ...
+    @property
     def shape(self) -> tuple[int, int]: ...
     def to_opencv(self) -> NDArray[np.int16]: ...
 
@@ -304,6 +306,9 @@ class StereoMatcher:
         paths: int = 4,
         p1: int = 48,
         p2: int = 127,
+        saturation_threshold: int = 0,
+        regions: Sequence[Region | tuple[int, int, int, int]] | None = None,
+        geometry: RectifiedGeometry | None = None,
     ) -> StereoMatcher: ...
     @property
     def parameters(self) -> dict[str, Any]: ...
@@ -314,6 +319,8 @@ class StereoMatcher:
         *,
         left_valid: NDArray[np.bool_] | None = None,
         right_valid: NDArray[np.bool_] | None = None,
+        regions: Sequence[Region | tuple[int, int, int, int]] | None = None,
+        geometry: RectifiedGeometry | None = None,
         out: DisparityMap | None = None,
     ) -> DisparityMap: ...
 
@@ -367,7 +374,17 @@ def fit_range_curve(disparity_px: ArrayLike, distance_m: ArrayLike) -> RangeCurv
 
 @final
 class Region:
-    def __new__(cls, name: str, *, x: int, y: int, width: int, height: int) -> Region: ...
+    def __new__(
+        cls,
+        name: str,
+        *,
+        x: int,
+        y: int,
+        width: int,
+        height: int,
+        disparities: tuple[int, int] | None = None,
+        range_m: tuple[float, float] | None = None,
+    ) -> Region: ...
     @property
     def name(self) -> str: ...
     @property
@@ -378,6 +395,10 @@ class Region:
     def width(self) -> int: ...
     @property
     def height(self) -> int: ...
+    @property
+    def disparities(self) -> tuple[int, int] | None: ...
+    @property
+    def range_m(self) -> tuple[float, float] | None: ...
 
 def paper_regions(width: int, height: int) -> list[Region]: ...
 

@@ -3,13 +3,17 @@
 use std::sync::{Mutex, PoisonError};
 
 use epiline::image::Image;
-use epiline::matching::{DisparityMap, MatcherParams, Method, Prefilter, Preset, StereoMatcher};
-use numpy::PyArray2;
+use epiline::matching::{
+    DisparityMap, MatchRegion, MatcherParams, Method, Prefilter, Preset, StereoMatcher, Validity,
+};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::convert::{OrRaise, Pixels, grey_image, image_array, mask_image, typed_image, whole};
+use crate::rectification::PyRectifiedGeometry;
+use crate::regions::PyRegion;
 
 /// Disparities of the left image, and per pixel the reasons it has none.
 ///
@@ -89,6 +93,22 @@ impl PyDisparityMap {
     #[getter]
     fn density(&self) -> f64 {
         self.inner.density()
+    }
+
+    /// (H, W) float32: how far a disparity can be trusted, 0 to 1, NaN where there is none. Computed at each access.
+    ///
+    /// From the map alone: how well a disparity continues those around it, and how close rejected pixels are. It orders
+    /// pixels by the error to be expected, for any method, and is no probability. Filled pixels have a confidence of 0.
+    #[getter]
+    fn confidence<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f32>> {
+        let map = &self.inner;
+        let confidence = py.detach(|| map.confidence());
+        let values = map.validity.as_slice().iter().zip(confidence.as_slice()).map(|(&bits, &confidence)| {
+            if Validity::has_value(bits) { f32::from(confidence) / 255.0 } else { f32::NAN }
+        });
+        PyArray1::from_iter(py, values)
+            .reshape([map.height(), map.width()])
+            .expect("a map has height x width pixels")
     }
 
     /// (H, W).
@@ -176,7 +196,7 @@ fn set(params: &mut MatcherParams, name: &str, value: &Bound<'_, PyAny>) -> PyRe
         value.extract::<Option<i64>>()?.map(|value| whole(name, value)).transpose()
     }
     match name {
-        "preset" | "method" => {}
+        "preset" | "method" | "regions" | "geometry" => {}
         "num_disparities" => params.num_disparities = count("num_disparities", value)?,
         "min_disparity" => params.min_disparity = count("min_disparity", value)?,
         "block_size" => params.block_size = count("block_size", value)?,
@@ -193,12 +213,42 @@ fn set(params: &mut MatcherParams, name: &str, value: &Bound<'_, PyAny>) -> PyRe
         "paths" => params.paths = count("paths", value)?,
         "p1" => params.p1 = count("p1", value)?,
         "p2" => params.p2 = count("p2", value)?,
+        "saturation_threshold" => params.saturation_threshold = count("saturation_threshold", value)?,
         unknown => {
             let message = format!("StereoMatcher() got an unexpected keyword argument '{unknown}'");
             return Err(PyTypeError::new_err(message));
         }
     }
     Ok(())
+}
+
+/// Boxes to match from a sequence of `Region` and of (x, y, width, height).
+fn match_regions(
+    regions: &Bound<'_, PyAny>,
+    geometry: Option<&PyRectifiedGeometry>,
+) -> PyResult<Vec<MatchRegion>> {
+    let refuse = |given: &Bound<'_, PyAny>| {
+        let given = given.repr().map_or_else(|_| "an object".to_owned(), |text| text.to_string());
+        let expected = "must be a sequence of epiline.Region or (x, y, width, height), whole numbers";
+        PyValueError::new_err(format!("regions: got {given}: {expected}"))
+    };
+    let items = regions.extract::<Vec<Bound<'_, PyAny>>>().map_err(|_| refuse(regions))?;
+    items
+        .into_iter()
+        .map(|item| {
+            if let Ok(region) = item.extract::<PyRegion>() {
+                return region.0.to_match(geometry.map(|geometry| &geometry.0)).or_raise();
+            }
+            let [x, y, width, height] = item.extract::<[i64; 4]>().map_err(|_| refuse(&item))?;
+            Ok(MatchRegion {
+                x: whole("regions: x", x)?,
+                y: whole("regions: y", y)?,
+                width: whole("regions: width", width)?,
+                height: whole("regions: height", height)?,
+                disparities: None,
+            })
+        })
+        .collect()
 }
 
 fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
@@ -259,6 +309,14 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 ///     sgm: penalty for steps of one disparity, 0 to 127.
 /// p2 : int
 ///     sgm: penalty for larger steps between equal grey values, p1 to 127; it falls where grey values differ.
+/// saturation_threshold : int
+///     Reject windows of the left image of which at least this many percent are at 0 or 255; 0 is off.
+/// regions : sequence of Region or (x, y, width, height), optional
+///     Match these boxes only, each with its own range where a Region has one. Inside them the answers are exactly those
+///     of the whole image; outside there are none (border). A pixel in several boxes has the range of the first. With
+///     sad the cost follows the area; sgm and `fill` need the whole image all the same. A Pipeline does not use them.
+/// geometry : RectifiedGeometry, optional
+///     For regions with a `range_m`.
 ///
 /// Raises
 /// ------
@@ -267,6 +325,8 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 #[pyclass(name = "StereoMatcher", module = "epiline", frozen)]
 pub struct PyStereoMatcher {
     params: MatcherParams,
+    regions: Option<Py<PyAny>>,
+    geometry: Option<PyRectifiedGeometry>,
     inner: Mutex<StereoMatcher>,
 }
 
@@ -301,6 +361,7 @@ pub fn parameters_dict<'py>(py: Python<'py>, params: &MatcherParams) -> PyResult
     dict.set_item("paths", params.paths)?;
     dict.set_item("p1", params.p1)?;
     dict.set_item("p2", params.p2)?;
+    dict.set_item("saturation_threshold", params.saturation_threshold)?;
     Ok(dict)
 }
 
@@ -310,16 +371,36 @@ impl PyStereoMatcher {
     #[pyo3(signature = (**parameters), text_signature = "(*, preset=None, method='sad', num_disparities=64, \
         block_size=..., min_disparity=0, threads=None, prefilter='xsobel', prefilter_cap=..., uniqueness_ratio=0, \
         texture_threshold=0, left_right_max_diff=None, speckle_size=0, speckle_range=2, subpixel=True, fill=False, \
-        paths=4, p1=48, p2=127)")]
+        paths=4, p1=48, p2=127, saturation_threshold=0, regions=None, geometry=None)")]
     fn new(parameters: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let params = params_from(parameters)?;
-        Ok(Self { params, inner: Mutex::new(StereoMatcher::new(params).or_raise()?) })
+        let given = |name: &str| -> PyResult<Option<Bound<'_, PyAny>>> {
+            let item = parameters.map(|given| given.get_item(name)).transpose()?.flatten();
+            Ok(item.filter(|value| !value.is_none()))
+        };
+        let geometry = match given("geometry")? {
+            Some(geometry) => Some(geometry.extract::<PyRectifiedGeometry>()?),
+            None => None,
+        };
+        let regions = given("regions")?;
+        if let Some(regions) = &regions {
+            match_regions(regions, geometry.as_ref())?;
+        }
+        let inner = Mutex::new(StereoMatcher::new(params).or_raise()?);
+        Ok(Self { params, regions: regions.map(Bound::unbind), geometry, inner })
     }
 
-    /// dict: every parameter, by the name it is given with.
+    /// dict: every parameter, by the name it is given with; regions and geometry where they were given.
     #[getter]
     fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        parameters_dict(py, &self.params)
+        let dict = parameters_dict(py, &self.params)?;
+        if let Some(regions) = &self.regions {
+            dict.set_item("regions", regions)?;
+        }
+        if let Some(geometry) = &self.geometry {
+            dict.set_item("geometry", Bound::new(py, geometry.clone())?)?;
+        }
+        Ok(dict)
     }
 
     /// Disparities of the left image.
@@ -330,6 +411,8 @@ impl PyStereoMatcher {
     ///     Rectified images; three channels are blue, green, red.
     /// left_valid, right_valid : (H, W) bool, optional
     ///     Pixels that have a source; the others get no answer and are no one's match.
+    /// regions, geometry : optional
+    ///     Instead of the matcher's own.
     /// out : DisparityMap, optional
     ///     Overwritten and returned, instead of a new one.
     ///
@@ -340,8 +423,12 @@ impl PyStereoMatcher {
     /// Raises
     /// ------
     /// ValueError
-    ///     Sizes differ, a type is wrong, or the images are narrower than the range of disparities.
-    #[pyo3(signature = (left, right, *, left_valid = None, right_valid = None, out = None))]
+    ///     Sizes differ, a type is wrong, the images are narrower than the range of disparities, or a region is empty or
+    ///     not inside them.
+    #[pyo3(signature = (
+        left, right, *, left_valid = None, right_valid = None, regions = None, geometry = None, out = None
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "they are keywords")]
     fn __call__<'py>(
         &self,
         py: Python<'py>,
@@ -349,11 +436,16 @@ impl PyStereoMatcher {
         right: &Bound<'py, PyAny>,
         left_valid: Option<&Bound<'py, PyAny>>,
         right_valid: Option<&Bound<'py, PyAny>>,
+        regions: Option<&Bound<'py, PyAny>>,
+        geometry: Option<PyRectifiedGeometry>,
         out: Option<Bound<'py, PyDisparityMap>>,
     ) -> PyResult<Bound<'py, PyDisparityMap>> {
         let (left, right) = (grey_image("left", left)?, grey_image("right", right)?);
         let left_valid = left_valid.map(|mask| mask_image("left_valid", mask)).transpose()?;
         let right_valid = right_valid.map(|mask| mask_image("right_valid", mask)).transpose()?;
+        let geometry = geometry.as_ref().or(self.geometry.as_ref());
+        let own = self.regions.as_ref().map(|regions| regions.bind(py));
+        let regions = regions.or(own).map(|regions| match_regions(regions, geometry)).transpose()?;
         let out = match out {
             Some(out) => out,
             None => Bound::new(py, PyDisparityMap { inner: DisparityMap::default() })?,
@@ -366,13 +458,13 @@ impl PyStereoMatcher {
                 // A panic in an earlier call leaves buffers that the next one sets up again.
                 let mut matcher = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
                 let (left_valid, right_valid) = (left_valid.as_ref(), right_valid.as_ref());
-                matcher.compute_masked(
-                    left,
-                    right,
-                    left_valid.map(Image::view),
-                    right_valid.map(Image::view),
-                    map,
-                )
+                let [left_valid, right_valid] = [left_valid, right_valid].map(|mask| mask.map(Image::view));
+                match regions {
+                    Some(regions) => {
+                        matcher.compute_regions(left, right, left_valid, right_valid, &regions, map)
+                    }
+                    None => matcher.compute_masked(left, right, left_valid, right_valid, map),
+                }
             })
             .or_raise()?;
         }

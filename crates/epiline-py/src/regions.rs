@@ -1,7 +1,10 @@
 //! Python face of `epiline::regions`.
 
-use epiline::regions::{NearestSurface, ProfileParams, Region, RegionProfile, paper_regions, profile};
+use epiline::regions::{
+    NearestSurface, ProfileParams, Region, RegionProfile, Search, paper_regions, profile,
+};
 use numpy::PyArray1;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::convert::{OrRaise, whole};
@@ -18,10 +21,23 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
 
 /// A named box of pixels of the left aligned image: columns x to x + width - 1, rows y to y + height - 1.
 ///
+/// Parameters
+/// ----------
+/// name : str
+///     What results call it.
+/// x, y, width, height : int
+///     Pixels.
+/// disparities : (int, int), optional
+///     What a matcher that is given this region searches: the smallest disparity and how many, px.
+/// range_m : (float, float), optional
+///     The same as Euclidean ranges, nearest and furthest, metres; the matcher then needs the geometry. The furthest may be
+///     infinite. Without either, the matcher's own range of disparities.
+///
 /// Raises
 /// ------
 /// ValueError
-///     A negative number. Whether the box lies inside an image is checked when it is used.
+///     A negative number, or both `disparities` and `range_m`. Whether the box lies inside an image is checked when it is
+///     used.
 #[pyclass(name = "Region", module = "epiline", frozen, eq, from_py_object)]
 #[derive(Clone, PartialEq)]
 pub struct PyRegion(pub Region);
@@ -29,10 +45,31 @@ pub struct PyRegion(pub Region);
 #[pymethods]
 impl PyRegion {
     #[new]
-    #[pyo3(signature = (name, *, x, y, width, height))]
-    fn new(name: &str, x: i64, y: i64, width: i64, height: i64) -> PyResult<Self> {
+    #[pyo3(signature = (name, *, x, y, width, height, disparities = None, range_m = None))]
+    fn new(
+        name: &str,
+        x: i64,
+        y: i64,
+        width: i64,
+        height: i64,
+        disparities: Option<(i64, i64)>,
+        range_m: Option<(f64, f64)>,
+    ) -> PyResult<Self> {
         let (x, y) = (whole("x", x)?, whole("y", y)?);
-        Ok(Self(Region::new(name, x, y, whole("width", width)?, whole("height", height)?)))
+        let search = match (disparities, range_m) {
+            (None, None) => None,
+            (Some((first, count)), None) => Some(Search::Disparities {
+                first: whole("disparities[0]", first)?,
+                count: whole("disparities[1]", count)?,
+            }),
+            (None, Some((near_m, far_m))) => Some(Search::Range { near_m, far_m }),
+            (Some(_), Some(_)) => {
+                let message = format!("region '{name}': give either disparities or range_m, not both");
+                return Err(PyValueError::new_err(message));
+            }
+        };
+        let region = Region::new(name, x, y, whole("width", width)?, whole("height", height)?);
+        Ok(Self(Region { search, ..region }))
     }
 
     /// What results call it.
@@ -65,9 +102,32 @@ impl PyRegion {
         self.0.height
     }
 
+    /// (first, count) of the disparities searched, px; None if not given.
+    #[getter]
+    fn disparities(&self) -> Option<(usize, usize)> {
+        match self.0.search {
+            Some(Search::Disparities { first, count }) => Some((first, count)),
+            _ => None,
+        }
+    }
+
+    /// (nearest, furthest) Euclidean range searched, metres; None if not given.
+    #[getter]
+    fn range_m(&self) -> Option<(f64, f64)> {
+        match self.0.search {
+            Some(Search::Range { near_m, far_m }) => Some((near_m, far_m)),
+            _ => None,
+        }
+    }
+
     fn __repr__(&self) -> String {
-        let Region { name, x, y, width, height } = &self.0;
-        format!("Region('{name}', x={x}, y={y}, width={width}, height={height})")
+        let Region { name, x, y, width, height, search } = &self.0;
+        let search = match search {
+            None => String::new(),
+            Some(Search::Disparities { first, count }) => format!(", disparities=({first}, {count})"),
+            Some(Search::Range { near_m, far_m }) => format!(", range_m=({near_m}, {far_m})"),
+        };
+        format!("Region('{name}', x={x}, y={y}, width={width}, height={height}{search})")
     }
 }
 

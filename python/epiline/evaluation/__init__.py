@@ -2,5 +2,6 @@
 
 from epiline.evaluation.scenes import Scene, load_scenes
 from epiline.evaluation.scores import Evaluation, evaluate
+from epiline.evaluation.sparsification import Sparsification, sparsification
 
-__all__ = ["Evaluation", "Scene", "evaluate", "load_scenes"]
+__all__ = ["Evaluation", "Scene", "Sparsification", "evaluate", "load_scenes", "sparsification"]

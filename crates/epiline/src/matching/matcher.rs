@@ -7,6 +7,7 @@ use super::map::{DisparityMap, Validity};
 use super::params::{MatcherParams, Method};
 use super::prepared::PreparedPair;
 use super::regions::{Group, MatchRegion, Reach, Rect, RegionMap, Tile, groups};
+use super::saturation::SaturationTest;
 use super::semi_global::{self, Penalties, SemiGlobal};
 use super::speckle::SpeckleFilter;
 use super::stripe::{Frame, Stripe};
@@ -30,6 +31,7 @@ pub struct StereoMatcher {
     threads: usize,
     pair: PreparedPair,
     buffers: Buffers,
+    saturation: SaturationTest,
     speckle: SpeckleFilter,
     filler: Filler,
     region_map: RegionMap,
@@ -89,6 +91,7 @@ impl StereoMatcher {
             threads: thread_count(params.threads)?,
             pair: PreparedPair::default(),
             buffers,
+            saturation: SaturationTest::default(),
             speckle: SpeckleFilter::default(),
             filler: Filler::default(),
             region_map: RegionMap::default(),
@@ -247,12 +250,12 @@ impl StereoMatcher {
         out: &mut DisparityMap,
     ) {
         let &MaskedPair { left, right, left_valid, right_valid } = pair;
-        let Self { kernels, threads, pair, buffers, .. } = self;
+        let Self { kernels, threads, pair, buffers, saturation, .. } = self;
         if let Buffers::U16(_) | Buffers::U32(_) = buffers {
             let lanes = kernels.lanes(params.num_disparities);
             pair.prepare(kernels, params, lanes, left, right, *threads);
         }
-        let frame = Frame { kernels, params, pair, left_valid, right_valid };
+        let (frame, first_row) = (Frame { kernels, params, pair, left_valid, right_valid }, rows.start);
         match buffers {
             Buffers::U16(stripes) => compute_stripes(stripes, &frame, rows, *threads, out),
             Buffers::U32(stripes) => compute_stripes(stripes, &frame, rows, *threads, out),
@@ -262,6 +265,9 @@ impl StereoMatcher {
                     semi_global::Frame { kernels, params, penalties, left, right, left_valid, right_valid };
                 buffers.compute(&frame, *threads, out);
             }
+        }
+        if params.saturation_threshold > 0 {
+            saturation.mark(params, left, first_row, out);
         }
     }
 }

@@ -9,6 +9,7 @@
 
 mod aligned;
 pub mod brute_force;
+mod confidence;
 mod fill;
 mod left_right;
 mod map;
@@ -17,6 +18,7 @@ mod params;
 mod prepared;
 mod presets;
 mod regions;
+mod saturation;
 mod semi_global;
 mod speckle;
 mod stripe;

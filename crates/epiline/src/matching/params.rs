@@ -68,6 +68,8 @@ pub struct MatcherParams {
     /// [`Method::Sgm`]: penalty for larger steps between equal grey values, [`p1`](Self::p1) to 127 grey levels. Where
     /// grey values differ it falls toward `p1`.
     pub p2: u8,
+    /// Reject windows of the left image of which at least this many percent are at 0 or 255, 0 (off) to 100.
+    pub saturation_threshold: u8,
     /// Threads; `None` is all cores, and `EPILINE_THREADS` caps either. The result does not depend on it.
     pub threads: Option<usize>,
 }
@@ -91,6 +93,7 @@ impl Default for MatcherParams {
             paths: 4,
             p1: 48,
             p2: 127,
+            saturation_threshold: 0,
             threads: None,
         }
     }
@@ -193,6 +196,10 @@ impl MatcherParams {
                 format!("{} %", self.uniqueness_ratio),
                 "must be 0 to 100 %",
             ));
+        }
+        if self.saturation_threshold > 100 {
+            let value = format!("{} %", self.saturation_threshold);
+            return Err(Error::invalid("saturation_threshold", value, "must be 0 to 100 %"));
         }
         if self.threads == Some(0) {
             return Err(Error::invalid("threads", 0, "must be at least 1, or None for all cores"));

@@ -8,13 +8,34 @@ mod u_disparity;
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
+use crate::matching::MatchRegion;
+use crate::rectification::RectifiedGeometry;
 
 pub use profile::{ProfileParams, Profiler, RegionProfile, profile};
 pub use surface::NearestSurface;
 pub(crate) use u_disparity::UDisparity;
 
+/// Where a region's surfaces are looked for, if not where the matcher looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Search {
+    /// At so many whole disparities.
+    Disparities {
+        /// The smallest, px.
+        first: usize,
+        /// How many.
+        count: usize,
+    },
+    /// At these Euclidean ranges.
+    Range {
+        /// Nearest, metres.
+        near_m: f64,
+        /// Furthest, metres; may be infinite.
+        far_m: f64,
+    },
+}
+
 /// A named box of pixels of the left aligned image: columns `x..x + width` of rows `y..y + height`.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Region {
     /// What results call it; shared, not copied, by everything found in it.
     pub name: Arc<str>,
@@ -26,17 +47,66 @@ pub struct Region {
     pub width: usize,
     /// Rows.
     pub height: usize,
+    /// What a matcher that is given this region searches; `None` is its own range of disparities.
+    pub search: Option<Search>,
 }
 
 impl Region {
     /// A region; [`validate`](Self::validate) holds it against an image.
     pub fn new(name: impl Into<Arc<str>>, x: usize, y: usize, width: usize, height: usize) -> Self {
-        Self { name: name.into(), x, y, width, height }
+        Self { name: name.into(), x, y, width, height, search: None }
     }
 
     /// The whole of an image.
     pub fn whole(image_width: usize, image_height: usize) -> Self {
         Self::new("image", 0, 0, image_width, image_height)
+    }
+
+    /// The box as a matcher takes it. `geometry` turns ranges into disparities: every pixel of the box is searched for
+    /// all of them, and a pixel of disparity beyond, so that the ends can be refined.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::InvalidParameter`] for a range without geometry, or unless `0 < near < far`.
+    pub fn to_match(&self, geometry: Option<&RectifiedGeometry>) -> Result<MatchRegion> {
+        let disparities = match self.search {
+            None => None,
+            Some(Search::Disparities { first, count }) => Some((first, count)),
+            Some(Search::Range { near_m, far_m }) => Some(self.disparities_at(geometry, near_m, far_m)?),
+        };
+        let Self { x, y, width, height, .. } = *self;
+        Ok(MatchRegion { x, y, width, height, disparities })
+    }
+
+    /// First and count of the disparities of points of the box at these ranges.
+    fn disparities_at(
+        &self,
+        geometry: Option<&RectifiedGeometry>,
+        near_m: f64,
+        far_m: f64,
+    ) -> Result<(usize, usize)> {
+        let name = &self.name;
+        if !(near_m > 0.0 && near_m < far_m) {
+            let value = format!("({near_m}, {far_m}) m of region '{name}'");
+            return Err(Error::invalid("range_m", value, "must be two distances, 0 < near < far"));
+        }
+        let Some(geometry) = geometry else {
+            let value = format!("({near_m}, {far_m}) m of region '{name}'");
+            return Err(Error::invalid("range_m", value, "needs the geometry of the pair"));
+        };
+        let (left, top) = (self.x as f64, self.y as f64);
+        let (right, bottom) = (left + self.width as f64 - 1.0, top + self.height as f64 - 1.0);
+        // A ray is longest at a corner, shortest where the box is next to the principal point.
+        let corners = [(left, top), (right, top), (left, bottom), (right, bottom)];
+        let longest = corners.map(|(x, y)| geometry.range_per_depth(x, y)).into_iter().fold(1.0, f64::max);
+        let (x, y) = (geometry.cx_px.max(left).min(right), geometry.cy_px.max(top).min(bottom));
+        let shortest = geometry.range_per_depth(x, y);
+        let last = geometry.disparity_px(near_m / longest).ceil() + 1.0;
+        let first = geometry.disparity_px(far_m / shortest).floor() - 1.0;
+        // Disparities are not negative, and what lies further to the left is not in the right image.
+        let limit = geometry.width as f64 - 1.0;
+        let (first, last) = (first.clamp(0.0, limit), last.clamp(0.0, limit));
+        Ok((first as usize, (last - first) as usize + 1))
     }
 
     /// Fails, naming the box, unless it is not empty and lies inside an image of this size.
@@ -47,7 +117,7 @@ impl Region {
         if inside(self.x, self.width, image_width) && inside(self.y, self.height, image_height) {
             return Ok(());
         }
-        let Self { name, x, y, width, height } = self;
+        let Self { name, x, y, width, height, .. } = self;
         Err(Error::invalid(
             "region",
             format!("'{name}', {width}x{height} px at ({x}, {y})"),

@@ -34,8 +34,10 @@ pub(super) mod avx2;
 #[cfg(target_arch = "x86_64")]
 pub(super) mod avx512;
 pub mod features;
+#[cfg(target_arch = "aarch64")]
+pub(super) mod neon;
 pub mod reference;
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(super) mod vector;
 
 use super::sad::Choice;

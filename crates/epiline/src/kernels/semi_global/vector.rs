@@ -383,6 +383,8 @@ macro_rules! dispatch {
                 8 => $instance::<8 $(, $flag)?>($row),
                 16 => $instance::<16 $(, $flag)?>($row),
                 32 => $instance::<32 $(, $flag)?>($row),
+                #[cfg(target_arch = "aarch64")]
+                64 => $instance::<64 $(, $flag)?>($row),
                 vectors => unreachable!("padded_lanes gives no {vectors} vectors"),
             }
         }
