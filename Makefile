@@ -36,8 +36,7 @@ lint: $(VENV)/.ready ## formatting, clippy, ruff, mypy --strict, the stub agains
 	$(BIN)/python -m mypy.stubtest epiline._core
 
 bench: build ## speed against OpenCV in one run, answers compared
-	$(BIN)/python benchmarks/sad_vs_opencv.py
-	$(BIN)/python benchmarks/presets_vs_sgbm.py
+	$(BIN)/epiline bench
 
 anchors: build ## accuracy and calibration figures on the real data in EPILINE_DATA
 	$(BIN)/epiline evaluate $${EPILINE_DATA:-../shared/data}
