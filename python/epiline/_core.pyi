@@ -32,6 +32,7 @@ __all__ = [
     "__version__",
     "alignment_error",
     "calibrate_points",
+    "default_disparities",
     "equalize",
     "find_obstacles",
     "fit_range_curve",
@@ -485,6 +486,8 @@ def find_obstacles(
 ) -> list[Obstacle]: ...
 
 # ---- pipeline ----------------------------------------------------------------------------------
+
+def default_disparities(width: int) -> int: ...
 
 @final
 class FrameResult:

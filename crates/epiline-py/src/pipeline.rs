@@ -22,8 +22,16 @@ use crate::regions::{PyRegion, PyRegionProfile, unwrap};
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(py_default_disparities, module)?)?;
     module.add_class::<PyFrameResult>()?;
     module.add_class::<PyPipeline>()
+}
+
+/// Disparities to search in images of this width, px: a sixth of it in steps of 16, and no more than it has columns.
+#[pyfunction]
+#[pyo3(name = "default_disparities")]
+fn py_default_disparities(width: usize) -> usize {
+    PipelineParams::default_disparities(width)
 }
 
 /// Everything known about one pair. Its properties make new objects at each access; keep what you use twice.

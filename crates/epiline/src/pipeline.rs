@@ -35,9 +35,7 @@ impl PipelineParams {
     /// more than a pixel without an answer, and a sixth of the width searched (in steps of 16 px).
     pub fn for_width(width: usize) -> Self {
         let matcher = MatcherParams {
-            num_disparities: (width.div_ceil(6 * 16) * 16)
-                .clamp(1, MatcherParams::MAX_DISPARITIES)
-                .min(width.max(1)),
+            num_disparities: Self::default_disparities(width),
             ..MatcherParams::with_all_tests()
         };
         Self {
@@ -48,6 +46,11 @@ impl PipelineParams {
             profile: ProfileParams::default(),
             obstacles: ObstacleParams::default(),
         }
+    }
+
+    /// Disparities to search in images of this width: a sixth of it in steps of 16 px, and no more than it has columns.
+    pub fn default_disparities(width: usize) -> usize {
+        (width.div_ceil(6 * 16) * 16).clamp(1, MatcherParams::MAX_DISPARITIES).min(width.max(1))
     }
 }
 

@@ -20,10 +20,10 @@ def main(order: str) -> None:
     plan = Plan(**{**given["plan"], "sizes": tuple(tuple(size) for size in given["plan"]["sizes"])})
     pair = pair_from(Path(given["data"]) if given["data"] else None)
     level = simd_level()
-    results: list[Iterator[Row] | Iterator[Curve]] = [rows(level, pair, plan)] if plan.tables else []
-    results += [curves(level, pair, plan)] if plan.curves else []
-    result: Row | Curve
-    for result in chain.from_iterable(results):
+    tables: Iterator[Row] = rows(level, pair, plan) if plan.tables else iter(())
+    points: Iterator[Curve] = curves(level, pair, plan) if plan.curves else iter(())
+    results: Iterator[Row | Curve] = chain(tables, points)
+    for result in results:
         print(json.dumps(dataclasses.asdict(result)), flush=True)
 
 

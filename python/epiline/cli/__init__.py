@@ -19,6 +19,7 @@ _VERBS = (
     ("run", "run", "the continuous process: pairs in, ranges and obstacles out"),
     ("fit-range", "fit_range", "fit distance = a e^(bx) + c e^(dx) to measured pairs"),
     ("evaluate", "evaluate", "accuracy against ground truth"),
+    ("tune", "tune", "parameters for your own scenes, and why"),
     ("bench", "bench", "speed against OpenCV in one run, answers compared"),
     ("info", "info", "version, instruction set, cores"),
 )

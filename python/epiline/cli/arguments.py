@@ -7,7 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from epiline._core import RectifiedGeometry, StereoCalibration, StereoMatcher, read_kitti_projection
+from epiline._core import (
+    RectifiedGeometry,
+    StereoCalibration,
+    StereoMatcher,
+    default_disparities,
+    read_kitti_projection,
+)
 
 PRESETS = ("fast", "balanced", "accurate")
 
@@ -32,6 +38,21 @@ def positive(text: str) -> float:
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is not a positive number")
     return value
+
+
+def parameter(text: str) -> tuple[str, Any]:
+    """An argparse type: ``name=value`` of a matcher's parameter; the value a number, true, false, none or a word."""
+    name, equals, value = text.partition("=")
+    if not equals or not name or not value:
+        raise argparse.ArgumentTypeError(f"'{text}' is not NAME=VALUE")
+    words = {"true": True, "false": False, "none": None}
+    # The prefilter that is none is a word of its own.
+    if value.lower() in words and name != "prefilter":
+        return name, words[value.lower()]
+    try:
+        return name, int(value)
+    except ValueError:
+        return name, value
 
 
 def add_matcher_arguments(parser: argparse.ArgumentParser) -> None:
@@ -80,11 +101,6 @@ def matcher_from(args: argparse.Namespace, width: int) -> StereoMatcher:
         **{name: value for name, value in given.items() if value is not None},
         **(_NO_TESTS if args.no_tests else {}),
     )
-
-
-def default_disparities(width: int) -> int:
-    """A sixth of the image's width, rounded up to a multiple of 16: 112 at 640 px."""
-    return max(16, -(-width // 96) * 16)
 
 
 def load_rig(path: Path) -> StereoCalibration | RectifiedGeometry:

@@ -6,30 +6,41 @@ import argparse
 import csv
 import dataclasses
 import io
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from epiline._core import StereoMatcher
-from epiline.cli.arguments import whole
+from epiline.cli.arguments import PRESETS, parameter, whole
 from epiline.cli.console import print_json, print_table, progress, say
 
 if TYPE_CHECKING:
-    from epiline.evaluation import Evaluation, Scene
+    from epiline.evaluation import Scene
+    from epiline.evaluation.measures import Measures
+    from epiline.evaluation.settings import Method
 
-_COLUMNS = ("density", "bad1_total", "bad2_total", "bad2_matched", "bad1_matched", "avg", "d1_total")
-# Without tests nothing removes a wrong match, and a larger window makes fewer of them.
-_UNTESTED_WINDOW = 15
-_SETTINGS: dict[str, dict[str, Any]] = {
-    "sad, all tests (preset fast)": {"preset": "fast"},
-    "sad, no tests": {"method": "sad", "block_size": _UNTESTED_WINDOW},
-    "sad, all tests, filled": {"preset": "fast", "fill": True},
-    "semi-global, all tests (preset balanced)": {"preset": "balanced"},
-    "semi-global, all tests, filled (preset accurate)": {"preset": "accurate", "fill": True},
-}
+# Of the common measures the table shows these; JSON and CSV have all.
+_COMMON = ("density", "bad1_total", "bad2_total", "bad2_matched", "bad1_matched", "avg", "d1_total")
+# The nine of ../shared/reference/matching.md: the Middlebury scenes of ordinary size from 2003 on.
+_ROBUSTNESS_SCENES = (
+    "middlebury2003/",
+    "middlebury2005/",
+    "middlebury2005-2006/",
+    "middlebury2005_b/",
+    "middlebury2006/",
+    "middlebury2014",
+)
+
+
+@dataclass(frozen=True)
+class Result:
+    """The measures of one setting in one region of one scene."""
+
+    setting: str
+    scene: str
+    region: str
+    measures: Measures
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "root",
         type=Path,
         metavar="FOLDER",
-        help="a folder of scenes with manifest.json, or a disparity file with --truth",
+        help="scenes by a manifest.json or laid out as Middlebury, KITTI or ETH3D; or a disparity file with --truth",
     )
     parser.add_argument("--truth", type=Path, metavar="FILE", help="ground truth of the one disparity file given")
     parser.add_argument(
@@ -46,79 +57,201 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scale", type=float, default=1.0, metavar="S", help="the same for the disparity file")
     parser.add_argument("--scenes", nargs="+", metavar="TEXT", help="only scenes whose name contains one of these")
     parser.add_argument("--per-scene", action="store_true", help="a row per scene, not only per family")
+    parser.add_argument("--halves", action="store_true", help="also the means of every other scene, by name")
+    parser.add_argument("--robustness", action="store_true", help="bad1 when exposure, noise, blur, rows go wrong")
+    parser.add_argument("--opencv", action="store_true", help="also OpenCV's matchers, padded, and filled")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="write disparity, error and reasons as PNG here")
+    parser.add_argument(
+        "--disparities", type=whole(1), metavar="N", help="disparities to search (default: as the set says)"
+    )
     parser.add_argument("--threads", type=whole(1), metavar="N", help="threads of the matcher (default: all cores)")
+    setting = parser.add_argument_group("what to evaluate (default: the built-in list)")
+    setting.add_argument("--preset", nargs="+", choices=PRESETS, help="presets, each a setting")
+    setting.add_argument("--method", help="a method with its defaults, as one more setting")
+    setting.add_argument(
+        "--param", nargs="+", type=parameter, default=[], metavar="NAME=VALUE", help="parameters of each of these"
+    )
     output = parser.add_mutually_exclusive_group()
     output.add_argument("--json", action="store_true", help="print one JSON object")
-    output.add_argument("--csv", action="store_true", help="print a line per setting and scene")
+    output.add_argument("--csv", action="store_true", help="print a line per setting, scene and region")
 
 
 def run(args: argparse.Namespace) -> None:
     if args.truth:
         _score_file(args)
         return
-    from epiline.evaluation import load_scenes
-
-    wanted = args.scenes or [""]
-    scenes = [scene for scene in load_scenes(args.root) if any(text in scene.name for text in wanted)]
-    if not scenes:
-        raise ValueError(f"{args.root}: no scene's name contains {' or '.join(wanted)}")
-    rows = _score_scenes(scenes, args.threads)
+    settings = _settings(args)
+    scenes = _scenes(args)
+    if args.robustness:
+        _robustness(args, scenes, settings)
+        return
+    results = _score_scenes(args, scenes, settings)
     if args.json:
-        print_json({"scenes": [{"setting": s, "scene": n, **dataclasses.asdict(e)} for s, n, e in rows]})
+        print_json({"scenes": [_record(r) for r in results], "means": _means_as_records(results)})
     elif args.csv:
-        say(_as_csv(rows).rstrip())
+        say(_as_csv(results).rstrip())
     else:
-        _print_means(rows, len(scenes), per_scene=args.per_scene)
+        _print_means(args, results, [scene.name for scene in scenes])
 
 
 def _score_file(args: argparse.Namespace) -> None:
     from epiline.evaluation import evaluate
     from epiline.evaluation.readers import read_disparity
 
-    scores = dataclasses.asdict(
-        evaluate(read_disparity(args.root, scale=args.scale), read_disparity(args.truth, scale=args.truth_scale))
-    )
+    values, truth = read_disparity(args.root, scale=args.scale), read_disparity(args.truth, scale=args.truth_scale)
+    if values.shape != truth.shape:
+        sizes = [f"{path}: {v.shape[1]}x{v.shape[0]} px" for path, v in ((args.root, values), (args.truth, truth))]
+        raise ValueError(", but ".join(sizes))
+    scores = dataclasses.asdict(evaluate(values, truth))
     if args.json:
         print_json(scores)
     else:
         print_table(str(args.root), tuple(scores), [tuple(scores.values())])
 
 
-def _score_scenes(scenes: Sequence[Scene], threads: int | None) -> list[tuple[str, str, Evaluation]]:
-    from epiline.evaluation import evaluate
+def _settings(args: argparse.Namespace) -> list[Method]:
+    from epiline.evaluation.peers import PEERS
+    from epiline.evaluation.settings import BUILT_IN, Setting
 
-    rows = []
-    with progress("matching", len(scenes) * len(_SETTINGS)) as advance:
+    given = dict(args.param)
+    chosen: list[dict[str, Any]] = [{"preset": preset, **given} for preset in args.preset or ()]
+    if args.method or (given and not chosen):
+        chosen.append({**({"method": args.method} if args.method else {}), **given})
+    for parameters in chosen:
+        # A wrong name or value should be said before any image is read.
+        try:
+            StereoMatcher(**parameters)
+        except TypeError as error:
+            raise ValueError(str(error)) from error
+    own: list[Method] = [Setting(", ".join(f"{k} {v}" for k, v in p.items()), p) for p in chosen]
+    return [*(own or BUILT_IN), *(PEERS if args.opencv else ())]
+
+
+def _scenes(args: argparse.Namespace) -> list[Scene]:
+    from epiline.evaluation import load_scenes
+
+    scenes = list(load_scenes(args.root))
+    wanted = args.scenes or [""]
+    if args.robustness and not args.scenes and any(s.name.startswith(_ROBUSTNESS_SCENES) for s in scenes):
+        scenes = [scene for scene in scenes if scene.name.startswith(_ROBUSTNESS_SCENES)]
+    scenes = [scene for scene in scenes if any(text in scene.name for text in wanted)]
+    if not scenes:
+        raise ValueError(f"{args.root}: no scene's name contains {' or '.join(wanted)}")
+    if args.disparities:
+        scenes = [dataclasses.replace(scene, num_disparities=args.disparities) for scene in scenes]
+    return scenes
+
+
+def _score_scenes(args: argparse.Namespace, scenes: Sequence[Scene], settings: Sequence[Method]) -> list[Result]:
+    from epiline.evaluation.measures import score
+
+    if args.pictures:
+        args.pictures.mkdir(parents=True, exist_ok=True)
+    results = []
+    with progress("matching", len(scenes) * len(settings)) as advance:
         for scene in scenes:
-            for setting, parameters in _SETTINGS.items():
-                matcher = StereoMatcher(num_disparities=scene.num_disparities, threads=threads, **parameters)
-                disparity = matcher(scene.left, scene.right)
-                rows.append((setting, scene.name, evaluate(disparity, scene.truth, scene.non_occluded)))
+            for setting in settings:
+                values = setting(scene.left, scene.right, scene.num_disparities, args.threads)
+                for region, measures in score(values, scene).items():
+                    results.append(Result(setting.name, scene.name, region, measures))
+                if args.pictures:
+                    from epiline.cli.pictures import write_evaluation_pictures
+
+                    write_evaluation_pictures(args.pictures, setting, scene, values, args.threads)
                 advance()
-    return rows
+    return results
 
 
-def _as_csv(rows: Sequence[tuple[str, str, Evaluation]]) -> str:
+def _robustness(args: argparse.Namespace, scenes: Sequence[Scene], settings: Sequence[Method]) -> None:
+    """Both sides answer every pixel, for a pixel left out cannot be wrong."""
+    from epiline.evaluation.peers import SGBM_FILLED
+    from epiline.evaluation.robustness import bad1_by_perturbation
+    from epiline.evaluation.settings import Setting
+
+    own = [Setting(f"{s.name}, filled", {**s.parameters, "fill": True}) for s in settings if isinstance(s, Setting)]
+    if not (args.preset or args.method or args.param):
+        own = [Setting("preset balanced, filled", {"preset": "balanced", "fill": True})]
+    with progress("matching", None) as advance:
+        table = bad1_by_perturbation(scenes, [*own, SGBM_FILLED], args.threads, advance)
+    rows = []
+    for name, figures in table.items():
+        *mine, peer = figures
+        rows.append((name, *mine, peer, *(value / peer if peer else float("nan") for value in mine)))
+    columns = ("", *(s.name for s in own), SGBM_FILLED.name, *(f"ratio: {s.name}" for s in own))
+    if args.json:
+        print_json({"scenes": [s.name for s in scenes], "columns": columns[1:], "bad1": {r[0]: r[1:] for r in rows}})
+    elif args.csv:
+        say(_table_as_csv(columns, rows).rstrip())
+    else:
+        print_table(f"bad1 %, non-occluded pixels, every one answered; mean over {len(scenes)} scenes", columns, rows)
+
+
+def _record(result: Result) -> dict[str, Any]:
+    figures = {name: measure.value for name, measure in result.measures.items()}
+    return {"setting": result.setting, "scene": result.scene, "region": result.region, **figures}
+
+
+def _groups(names: Iterable[str]) -> dict[str, Callable[[str], bool]]:
+    """Which scenes are averaged together: all, then every other one by name."""
+    ordered = sorted(set(names))
+    even, odd = set(ordered[::2]), set(ordered[1::2])
+    groups: dict[str, Callable[[str], bool]] = {f"all {len(ordered)} scenes": lambda _: True}
+    if odd:
+        groups |= {"even half": even.__contains__, "odd half": odd.__contains__}
+    return groups
+
+
+def _means_as_records(results: Sequence[Result]) -> list[dict[str, Any]]:
+    from epiline.evaluation.measures import mean
+
+    records = []
+    for setting, region in dict.fromkeys((r.setting, r.region) for r in results):
+        for group, holds in _groups(r.scene for r in results).items():
+            members = [r.measures for r in results if (r.setting, r.region) == (setting, region) and holds(r.scene)]
+            records.append({"setting": setting, "region": region, "group": group, **mean(members)})
+    return records
+
+
+def _as_csv(results: Sequence[Result]) -> str:
+    names = list(dict.fromkeys(name for r in results for name in r.measures))
+    rows = [
+        (r.setting, r.scene, r.region, *(r.measures[n].value if n in r.measures else "" for n in names))
+        for r in results
+    ]
+    return _table_as_csv(("setting", "scene", "region", *names), rows)
+
+
+def _table_as_csv(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["setting", "scene", *(field.name for field in dataclasses.fields(rows[0][2]))])
-    for setting, name, scores in rows:
-        writer.writerow([setting, name, *dataclasses.astuple(scores)])
+    writer.writerow(columns)
+    writer.writerows(rows)
     return text.getvalue()
 
 
-def _print_means(rows: Sequence[tuple[str, str, Evaluation]], scenes: int, *, per_scene: bool) -> None:
-    groups = list(dict.fromkeys(name if per_scene else name.split("/")[0] for _, name, _ in rows))
-    say(
-        "non-occluded pixels; total counts a pixel without an answer as wrong, matched leaves it out; means over scenes"
-    )
-    for setting in _SETTINGS:
-        own = [(name, scores) for s, name, scores in rows if s == setting]
-        table = []
-        for group in (*groups, f"all {scenes} scenes"):
-            members = [
-                e for name, e in own if group.startswith("all ") or name == group or name.startswith(f"{group}/")
-            ]
-            means = [float(np.mean([getattr(e, column) for e in members])) for column in _COLUMNS]
-            table.append((group, *(f"{value:.2f}" if math.isfinite(value) else "-" for value in means)))
-        print_table(setting, ("", *(c.replace("_", " ") for c in _COLUMNS)), table)
+def _print_means(args: argparse.Namespace, results: Sequence[Result], scenes: Sequence[str]) -> None:
+    from epiline.evaluation.measures import mean
+
+    say("total counts a pixel without an answer as wrong, matched leaves it out; means over scenes")
+    halves = _groups(scenes)
+    for setting in dict.fromkeys(r.setting for r in results):
+        own = [r for r in results if r.setting == setting]
+        rows: list[tuple[str, dict[str, float]]] = []
+        for region in dict.fromkeys(r.region for r in own):
+            inside = [r for r in own if r.region == region]
+            names = list(dict.fromkeys(r.scene if args.per_scene else r.scene.split("/")[0] for r in inside))
+            groups = [(n, [r for r in inside if r.scene == n or r.scene.startswith(f"{n}/")]) for n in names]
+            for group, holds in halves.items() if args.halves else [next(iter(halves.items()))]:
+                groups.append((group, [r for r in inside if holds(r.scene)]))
+            rows += [(f"{group}, {region}", mean(r.measures for r in members)) for group, members in groups]
+        present = dict.fromkeys(name for _, figures in rows for name in figures)
+        columns = [name for name in _COMMON if name in present] or list(present)
+        columns += [name for name in present if name not in columns and not _is_common(name)]
+        table = [(label, *(figures.get(name, float("nan")) for name in columns)) for label, figures in rows]
+        print_table(setting, ("", *(column.replace("_", " ") for column in columns)), table)
+
+
+def _is_common(name: str) -> bool:
+    from epiline.evaluation import Evaluation
+
+    return name in {field.name for field in dataclasses.fields(Evaluation)}

@@ -8,15 +8,16 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from epiline._core import FrameResult, Pipeline, RectifiedGeometry, StereoCalibration, StereoMatcher, alignment_error
-from epiline.cli.arguments import (
-    add_matcher_arguments,
+from epiline._core import (
+    FrameResult,
+    Pipeline,
+    RectifiedGeometry,
+    StereoCalibration,
+    StereoMatcher,
+    alignment_error,
     default_disparities,
-    load_rig,
-    matcher_from,
-    positive,
-    whole,
 )
+from epiline.cli.arguments import add_matcher_arguments, load_rig, matcher_from, positive, whole
 from epiline.cli.configuration import Configuration, read_configuration
 from epiline.cli.console import print_table, progress, say
 

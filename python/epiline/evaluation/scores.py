@@ -12,7 +12,7 @@ Floats: TypeAlias = NDArray[np.floating]
 
 _BAD_PX = (1.0, 2.0, 3.0)
 # KITTI 2015: wrong if off by more than 3 px and by more than 5 % of the truth.
-_D1_PX, _D1_SHARE = 3.0, 0.05
+D1_PX, D1_SHARE = 3.0, 0.05
 
 
 @runtime_checkable
@@ -93,7 +93,7 @@ def evaluate(disp: HasValues | Floats, ground_truth: Floats, mask: NDArray[np.bo
     error = np.abs(values - truth)[scored]
     answered = np.isfinite(error)
     wrong = {f"bad{limit:g}": error > limit for limit in _BAD_PX}
-    wrong["d1"] = (error > _D1_PX) & (error > _D1_SHARE * truth[scored])
+    wrong["d1"] = wrong_as_d1(error, truth[scored])
     shares = {f"{name}_matched": _percent(flags[answered]) for name, flags in wrong.items()}
     shares |= {f"{name}_total": _percent(flags | ~answered) for name, flags in wrong.items()}
     known = error[answered]
@@ -104,6 +104,11 @@ def evaluate(disp: HasValues | Floats, ground_truth: Floats, mask: NDArray[np.bo
         rms=float(np.sqrt(np.square(known).mean())) if known.size else float("nan"),
         **shares,
     )
+
+
+def wrong_as_d1(error: Floats, truth: Floats) -> NDArray[np.bool_]:
+    """Which errors, px, KITTI 2015 counts as wrong."""
+    return np.asarray((error > D1_PX) & (error > D1_SHARE * truth), bool)
 
 
 def _percent(flags: NDArray[np.bool_]) -> float:
