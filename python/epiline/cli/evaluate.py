@@ -122,7 +122,8 @@ def _settings(args: argparse.Namespace) -> list[Method]:
         try:
             StereoMatcher(**parameters)
         except TypeError as error:
-            raise ValueError(str(error)) from error
+            given_text = ", ".join(f"{name}={value}" for name, value in parameters.items())
+            raise ValueError(f"{given_text}: {error}") from error
     own: list[Method] = [Setting(", ".join(f"{k} {v}" for k, v in p.items()), p) for p in chosen]
     return [*(own or BUILT_IN), *(PEERS if args.opencv else ())]
 

@@ -13,7 +13,7 @@ from epiline._core import Error, StereoMatcher, grey
 # Searched first: this share of the width, in an image that is halved until it is no wider than this, px.
 _SHARE, _WIDEST = 0.45, 800
 # A whole disparity is there if this share of the answers has it; wrong matches are spread thinner.
-_SUPPORT = 1e-3
+_SUPPORT = 3e-4
 _STEP = 16
 # Room for what this pair does not show: nearer things, and farther ones.
 _NEARER, _FARTHER = 1.10, 0.80
@@ -59,11 +59,19 @@ def _seen(left: NDArray[np.uint8], right: NDArray[np.uint8], threads: int | None
     count = max(1, int(_SHARE * left.shape[1]))
     # Block matching rejects what has no texture, so that a blank wall does not claim a disparity.
     values = StereoMatcher(preset="fast", num_disparities=count, threads=threads)(left, right).values
+    highest = _supported(values)
+    if highest is None:
+        return None
+    # Left of the largest disparity not all candidates exist, and what is left over is too small.
+    lowest = _supported(values[:, highest[1] :]) or highest
+    return float(scale * lowest[0]), float(scale * highest[1])
+
+
+def _supported(values: NDArray[np.float32]) -> tuple[int, int] | None:
+    """The whole disparities, px, between which all lie that enough pixels have; the second is exclusive."""
     answers = values[np.isfinite(values)]
     if answers.size == 0:
         return None
-    histogram = np.bincount(answers.astype(int), minlength=count)
+    histogram = np.bincount(answers.astype(int))
     supported = np.flatnonzero(histogram >= max(1.0, _SUPPORT * answers.size))
-    if supported.size == 0:
-        return None
-    return float(scale * supported[0]), float(scale * (supported[-1] + 1))
+    return (int(supported[0]), int(supported[-1]) + 1) if supported.size else None
