@@ -2,8 +2,9 @@
 
     python benchmarks/confidence.py DATA          # the folder with manifest.json
 
-Per preset, the mean over scenes of the area under the sparsification curve over the oracle's, for the absolute error (px)
-and for errors beyond 1 px; pixels that both cameras see. Weights were chosen on the even scenes; the odd ones are the test.
+Per preset, the mean over scenes of the area under the sparsification curve over the oracle's, for the absolute error
+(px) and for errors beyond 1 px; pixels that both cameras see. The last column is what a confidence that tells nothing
+would have. Weights were chosen on the even scenes; the odd ones are the test.
 """
 
 from __future__ import annotations

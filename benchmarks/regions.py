@@ -5,8 +5,8 @@
 
 The four bands of the 2011 paper (320x20 to 320x50 of a 320x240 image), and boxes. "area" is the share of the image's
 work that the regions need at least: their rows and those of half a window above and below (of the image's, the same),
-joined where they overlap. "cost" is the median ratio of times, both measured alternately, one thread, time of the thread;
-"cost / area" is what is to be small. Every answer is compared with the whole image's.
+joined where they overlap. "cost" is the median ratio of times, both measured alternately, one thread, time of the
+thread; "cost / area" is what is to be small. Every answer is compared with the whole image's.
 """
 
 from __future__ import annotations
@@ -50,7 +50,9 @@ def share(regions: list[ep.Region], window: int, shape: tuple[int, int]) -> floa
     radius = window // 2
     touched = np.zeros((shape[0] + 2 * radius, shape[1] + 2 * radius), bool)
     for region in regions:
-        touched[region.y : region.y + region.height + 2 * radius, region.x : region.x + region.width + 2 * radius] = True
+        touched[region.y : region.y + region.height + 2 * radius, region.x : region.x + region.width + 2 * radius] = (
+            True
+        )
     return float(touched.mean())
 
 

@@ -46,7 +46,9 @@ def test_regions_have_the_answers_of_the_whole_image_and_nothing_around(method: 
     left, right = pair()
     whole = ep.match(left, right, method=method, **COMMON)
     boxes = [(10, 5, 60, 30), (40, 20, 100, 25), (0, 90, 160, 6)]
-    disp = ep.match(left, right, method=method, **COMMON, regions=[ep.Region("a", x=10, y=5, width=60, height=30), *boxes[1:]])
+    disp = ep.match(
+        left, right, method=method, **COMMON, regions=[ep.Region("a", x=10, y=5, width=60, height=30), *boxes[1:]]
+    )
     outside = np.ones(left.shape, bool)
     for box in boxes:
         assert_region(disp, whole, box)
@@ -79,7 +81,7 @@ def test_a_metric_range_covers_every_ray_of_the_region() -> None:
     )
     region = ep.Region("wide", x=0, y=50, width=160, height=40, range_m=(4.0, 20.0))
     disp = ep.match(left, right, **COMMON, regions=[region], geometry=geometry)
-    # d = f b / Z - doffs; Z = range / |ray|, and rays of the box are 1 (principal point beside it: 1.0003) to 1.35 long.
+    # d = f b / Z - doffs with Z = range / |ray|: the box's rays are 1.0003 (beside the principal point) to 1.35 long.
     corner = np.sqrt(1 + (79.5 / 100) ** 2 + (41.5 / 100) ** 2)
     beside = np.sqrt(1 + (2.5 / 100) ** 2)
     last = np.ceil(50 * corner / 4 - 1) + 1
@@ -124,7 +126,10 @@ def test_a_matcher_keeps_its_regions_until_a_call_names_others() -> None:
         (7, r"regions: got 7: must be"),
         ([ep.Region("r", x=0, y=0, width=9, height=9, disparities=(150, 20))], r"170 px must not exceed .* 160 px"),
         ([ep.Region("r", x=0, y=0, width=9, height=9, disparities=(0, 0))], r"num_disparities = 0 px"),
-        ([ep.Region("r", x=0, y=0, width=9, height=9, range_m=(0, 3))], r"range_m = \(0, 3\) m of region 'r': must be two"),
+        (
+            [ep.Region("r", x=0, y=0, width=9, height=9, range_m=(0, 3))],
+            r"range_m = \(0, 3\) m of region 'r': must be two",
+        ),
         ([ep.Region("r", x=0, y=0, width=9, height=9, range_m=(3, 3))], r"0 < near < far"),
         ([ep.Region("r", x=0, y=0, width=9, height=9, range_m=(float("nan"), 3))], r"0 < near < far"),
     ],
@@ -177,7 +182,14 @@ def test_images_smaller_than_the_window_are_answered(method: Any, width: int, he
     random = np.random.default_rng(5)
     left = random.integers(0, 256, (height, width), np.uint8)
     disp = ep.match(
-        left, left, method=method, num_disparities=1, block_size=15, left_right_max_diff=1, texture_threshold=1, fill=True
+        left,
+        left,
+        method=method,
+        num_disparities=1,
+        block_size=15,
+        left_right_max_diff=1,
+        texture_threshold=1,
+        fill=True,
     )
     assert disp.shape == (height, width)
     assert (disp.raw == 0).all()

@@ -70,7 +70,8 @@ def test_confidence_is_a_number_where_there_is_a_value_and_only_there() -> None:
     left = random.integers(0, 256, (60, 120), np.uint8)
     disp = ep.match(left, np.roll(left, -5, 1), num_disparities=16, block_size=5, left_right_max_diff=0)
     confidence = disp.confidence
-    assert confidence.dtype == np.float32 and confidence.shape == (60, 120)
+    assert confidence.dtype == np.float32
+    assert confidence.shape == (60, 120)
     np.testing.assert_array_equal(np.isnan(confidence), np.isnan(disp.values))
     answered = confidence[np.isfinite(confidence)]
     assert 0 <= answered.min() < answered.max() <= 1

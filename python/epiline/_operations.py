@@ -65,7 +65,8 @@ def match(left: Image, right: Image, **parameters: Any) -> DisparityMap:
     left, right : (H, W) or (H, W, 3) uint8
         Rectified images; three channels are blue, green, red.
     **parameters
-        Of :class:`epiline.StereoMatcher`, `regions` among them. For a stream make one matcher and call it: it keeps its buffers.
+        Of :class:`epiline.StereoMatcher`, `regions` among them. For a stream make one matcher and call it: it keeps its
+        buffers.
 
     Returns
     -------

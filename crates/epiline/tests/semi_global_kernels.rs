@@ -2,7 +2,9 @@
 
 use epiline::kernels::sad::Choice;
 use epiline::kernels::semi_global::features::{CENSUS_BYTES, CensusRow, Channel, ExtremesRow, PixelRow};
-use epiline::kernels::semi_global::{CostRow, HorizontalRow, NO_CANDIDATE, SumRow, VerticalRow, WindowRow};
+use epiline::kernels::semi_global::{
+    CostRow, HorizontalRow, NO_CANDIDATE, SumRow, VerticalRow, WindowRow, reference,
+};
 use epiline::kernels::{Kernels, Level};
 use proptest::prelude::*;
 
@@ -73,6 +75,23 @@ struct Case {
     seed: u64,
 }
 
+/// The kernels of a level, or the reference, which takes any number of lanes.
+#[derive(Clone, Copy)]
+enum Variant {
+    Level(Kernels),
+    Reference,
+}
+
+/// Calls a kernel of a variant.
+macro_rules! call {
+    ($variant:expr, $kernel:ident, $reference:ident, $row:expr) => {
+        match $variant {
+            Variant::Level(kernels) => kernels.$kernel($row),
+            Variant::Reference => reference::$reference($row),
+        }
+    };
+}
+
 /// What the kernels leave behind, by name.
 type Outcome = Vec<(&'static str, Vec<u16>)>;
 
@@ -122,7 +141,7 @@ fn pixel_row(planes: &[Vec<u8>]) -> PixelRow<'_> {
     PixelRow { filtered: channel(0), grey: channel(3), census: std::array::from_fn(|i| &planes[6 + i][..]) }
 }
 
-fn costs(case: &Case, lanes: usize, kernels: &Kernels, out: &mut Outcome) {
+fn costs(case: &Case, lanes: usize, variant: Variant, out: &mut Outcome) {
     let &Case { width, radius, .. } = case;
     let (cells, padded) = (width * lanes, width + lanes - 1);
     let mut noise = Noise(case.seed | 1);
@@ -132,26 +151,36 @@ fn costs(case: &Case, lanes: usize, kernels: &Kernels, out: &mut Outcome) {
     let sums: Vec<u16> =
         leaving.iter().map(|&cost| u16::from(cost) + others * u16::from(noise.next() & 1)).collect();
     let (mut pixel_costs, mut column_sums) = (Guarded::of(&leaving, 0xA5), Guarded::of(&sums, 0xA5A5));
-    kernels.cost(&mut CostRow {
-        lanes,
-        left: pixel_row(&left),
-        right: pixel_row(&right),
-        pixel_costs: pixel_costs.inside(),
-        column_sums: column_sums.inside(),
-    });
+    call!(
+        variant,
+        cost,
+        cost_row,
+        &mut CostRow {
+            lanes,
+            left: pixel_row(&left),
+            right: pixel_row(&right),
+            pixel_costs: pixel_costs.inside(),
+            column_sums: column_sums.inside(),
+        }
+    );
     let sums = column_sums.checked("column_sums");
     let (blocked_left, blocked_right, blocked_lanes) =
         (noise.blocks(width), noise.blocks(padded), noise.blocks(lanes));
     let mut window = Guarded::of(&vec![7; cells], 0xA5);
-    kernels.window(&mut WindowRow {
-        lanes,
-        radius,
-        column_sums: &sums,
-        blocked_left: &blocked_left,
-        blocked_right: &blocked_right,
-        blocked_lanes: &blocked_lanes,
-        costs: window.inside(),
-    });
+    call!(
+        variant,
+        window,
+        window_row,
+        &mut WindowRow {
+            lanes,
+            radius,
+            column_sums: &sums,
+            blocked_left: &blocked_left,
+            blocked_right: &blocked_right,
+            blocked_lanes: &blocked_lanes,
+            costs: window.inside(),
+        }
+    );
     out.push(("pixel_costs", wide(pixel_costs.checked("pixel_costs"))));
     out.push(("column_sums", sums));
     out.push(("costs", wide(window.checked("costs"))));
@@ -163,36 +192,46 @@ fn matching_costs(noise: &mut Noise, case: &Case, cells: usize) -> Vec<u8> {
     noise.bytes(cells, 127, case.extreme).iter().zip(blocks).map(|(&cost, blocked)| cost | blocked).collect()
 }
 
-fn paths(case: &Case, lanes: usize, kernels: &Kernels, out: &mut Outcome) {
+fn paths(case: &Case, lanes: usize, variant: Variant, out: &mut Outcome) {
     let &Case { width, p1, .. } = case;
     let cells = width * lanes;
     let mut noise = Noise(case.seed | 1);
     let costs = matching_costs(&mut noise, case, cells);
     let p2: Vec<u8> = noise.bytes(width, 127, case.extreme).into_iter().map(|p2| p2.max(p1)).collect();
     let (mut left, mut right) = (Guarded::of(&vec![7; cells], 0xA5), Guarded::of(&vec![7; cells], 0xA5));
-    kernels.horizontal(&mut HorizontalRow {
-        lanes,
-        costs: &costs,
-        p1,
-        p2: &p2,
-        from_left: left.inside(),
-        from_right: right.inside(),
-    });
+    call!(
+        variant,
+        horizontal,
+        horizontal_row,
+        &mut HorizontalRow {
+            lanes,
+            costs: &costs,
+            p1,
+            p2: &p2,
+            from_left: left.inside(),
+            from_right: right.inside(),
+        }
+    );
     let (left, right) = (left.checked("from_left"), right.checked("from_right"));
     let smallest_of = |paths: &[u8]| -> Vec<u8> {
         paths.chunks(lanes).map(|lanes| *lanes.iter().min().expect("not empty")).collect()
     };
     let mut smallest = Guarded::of(&smallest_of(&left), 0xA5);
     let mut above = Guarded::of(&vec![7; cells], 0xA5);
-    kernels.vertical(&mut VerticalRow {
-        lanes,
-        costs: &costs,
-        p1,
-        p2: &p2,
-        before: &left,
-        smallest: smallest.inside(),
-        after: above.inside(),
-    });
+    call!(
+        variant,
+        vertical,
+        vertical_row,
+        &mut VerticalRow {
+            lanes,
+            costs: &costs,
+            p1,
+            p2: &p2,
+            before: &left,
+            smallest: smallest.inside(),
+            after: above.inside(),
+        }
+    );
     let above = above.checked("after");
     let none = Choice { before: 0, best: 0, after: 0, lane: 0xA5A5 };
     let (mut sums, mut chosen) =
@@ -200,20 +239,25 @@ fn paths(case: &Case, lanes: usize, kernels: &Kernels, out: &mut Outcome) {
     let (mut rivals, mut nearby) =
         (Guarded::of(&vec![7; width], 0xA5A5), Guarded::of(&vec![7; width], 0xA5A5));
     let mut right_best = Guarded::of(&vec![7; width + lanes - 1], 0xA5A5);
-    kernels.sum(&mut SumRow {
-        lanes,
-        from_left: &left,
-        from_right: &right,
-        from_above: &above,
-        from_below: if case.both { &right } else { &[] },
-        uniqueness_ratio: case.ratio,
-        left_right_reach: case.reach,
-        sums: sums.inside(),
-        chosen: chosen.inside(),
-        rivals: rivals.inside(),
-        nearby: nearby.inside(),
-        right_best: right_best.inside(),
-    });
+    call!(
+        variant,
+        sum,
+        sum_row,
+        &mut SumRow {
+            lanes,
+            from_left: &left,
+            from_right: &right,
+            from_above: &above,
+            from_below: if case.both { &right } else { &[] },
+            uniqueness_ratio: case.ratio,
+            left_right_reach: case.reach,
+            sums: sums.inside(),
+            chosen: chosen.inside(),
+            rivals: rivals.inside(),
+            nearby: nearby.inside(),
+            right_best: right_best.inside(),
+        }
+    );
     let chosen = chosen.checked("chosen").iter().flat_map(|c| [c.before, c.best, c.after, c.lane]).collect();
     out.extend([("from_left", wide(left)), ("from_right", wide(right)), ("above", wide(above))]);
     out.extend([("smallest", wide(smallest.checked("smallest"))), ("sums", sums.checked("sums"))]);
@@ -221,24 +265,24 @@ fn paths(case: &Case, lanes: usize, kernels: &Kernels, out: &mut Outcome) {
     out.extend([("nearby", nearby.checked("nearby")), ("right_best", right_best.checked("right_best"))]);
 }
 
-fn run(case: &Case, lanes: usize, kernels: &Kernels) -> Outcome {
+fn run(case: &Case, lanes: usize, variant: Variant) -> Outcome {
     let mut outcome = Outcome::new();
-    features(case, kernels, &mut outcome);
-    costs(case, lanes, kernels, &mut outcome);
-    paths(case, lanes, kernels, &mut outcome);
+    let kernels = if let Variant::Level(kernels) = variant { kernels } else { Kernels::new(Level::SCALAR) };
+    features(case, &kernels, &mut outcome);
+    costs(case, lanes, variant, &mut outcome);
+    paths(case, lanes, variant, &mut outcome);
     outcome
 }
 
 fn assert_levels_agree(case: &Case) {
-    let reference = Kernels::new(Level::SCALAR);
-    for kernels in Level::available().filter(|&level| level != Level::SCALAR).map(Kernels::new) {
+    for kernels in Level::available().map(Kernels::new) {
         let lanes = kernels.lanes(case.num_disparities);
-        for (actual, expected) in run(case, lanes, &kernels).into_iter().zip(run(case, lanes, &reference)) {
+        let (actual, expected) =
+            (run(case, lanes, Variant::Level(kernels)), run(case, lanes, Variant::Reference));
+        for (actual, expected) in actual.into_iter().zip(expected) {
             assert_eq!(actual, expected, "{} {lanes} lanes {case:?}", kernels.level().name());
         }
     }
-    // The reference too stays inside its slices.
-    run(case, reference.lanes(case.num_disparities), &reference);
 }
 
 proptest! {

@@ -169,10 +169,10 @@ mod tests {
 
     #[test]
     fn filled_pixels_count_as_missing() {
-        let mut map = map(40, 40, |_, _| Some(160));
-        map.validity.row_mut(20)[20] = Validity::FILLED;
+        let mut map = map(80, 80, |_, _| Some(160));
+        map.validity.row_mut(40)[40] = Validity::FILLED;
         let confidence = map.confidence();
-        assert_eq!(confidence.row(20)[20], 0);
-        assert!(confidence.row(20)[21] < confidence.row(5)[20]);
+        assert_eq!(confidence.row(40)[40], 0);
+        assert!(confidence.row(40)[41] < confidence.row(20)[20]);
     }
 }

@@ -9,7 +9,7 @@ use crate::image::Image;
 pub struct Validity;
 
 impl Validity {
-    /// No candidate: every disparity asked for lies outside the right image.
+    /// No candidate: every disparity asked for lies outside the right image, or the pixel outside every region asked for.
     pub const BORDER: u8 = 1 << 0;
     /// The rectified pixel, or its window's centre in the right image, has no source pixel.
     pub const NO_SOURCE: u8 = 1 << 1;
