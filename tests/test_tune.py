@@ -25,6 +25,7 @@ from epiline.tuning import (
     parse_objective,
     truth_judge,
 )
+from epiline.tuning.judges import reference_of
 from epiline.tuning.objective import MEASURES
 from epiline.tuning.search import Pair
 
@@ -230,3 +231,17 @@ def test_check_compares_both_choices(data: Path, capsys: pytest.CaptureFixture[s
     assert row["with_truth"] <= row["default"]
     assert row["with_truth"] <= row["without_truth"] + 0.5
     assert row["range"]["first"] + row["range"]["count"] > row["highest_truth"]
+
+
+def test_what_a_nearer_surface_hides_is_not_scored() -> None:
+    # A floor at 4 px with a box at 12 px over columns 100 to 139: it hides the 8 columns of floor left of it.
+    random = np.random.default_rng(2)
+    texture = random.integers(0, 256, (60, 260), np.uint8)
+    left, right = texture[:, :240].copy(), np.zeros((60, 240), np.uint8)
+    right[:, :236] = left[:, 4:]
+    right[:, 88:128] = left[:, 100:140]
+    right[:, 128:136] = random.integers(0, 256, (60, 8), np.uint8)
+    _, seen = reference_of(left, right, DisparityRange(0, 32, 4, 12), 1)
+    hidden = np.flatnonzero(~seen[20:40].mean(axis=0).round().astype(bool))
+    assert set(range(93, 99)) <= set(hidden)
+    assert set(hidden) <= set(range(12)) | set(range(88, 104))
