@@ -197,3 +197,18 @@ def test_a_single_file_of_another_size_is_named(tmp_path: Path, capsys: pytest.C
     line = failure(capsys, tmp_path / "d.npy", "--truth", tmp_path / "t.npy")
     assert "d.npy: 5x4 px" in line
     assert "t.npy: 4x5 px" in line
+
+
+def test_sparsification_is_the_librarys(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from epiline.evaluation.sparsification import sparsification
+
+    arguments = (data, "--scenes", "2003/cones", "2001/venus", "--preset", "fast", "--sparsification")
+    rows = {row["scene"]: row for row in json.loads(output(capsys, *arguments, "--json"))["curves"]}
+    (scene,) = (s for s in load_scenes(data) if s.name == "middlebury2003/cones")
+    disparity = ep.match(scene.left, scene.right, preset="fast", num_disparities=64)
+    curve = sparsification(disparity, disparity.confidence, scene.truth, scene.non_occluded)
+    assert rows[scene.name]["area"] == pytest.approx(curve.area)
+    assert rows[scene.name]["ratio"] == pytest.approx(curve.ratio)
+    assert rows["even half"]["ratio"] == rows["middlebury2001/venus"]["ratio"]
+    assert rows["all 2 scenes"]["area"] == pytest.approx((curve.area + rows["even half"]["area"]) / 2)
+    assert "ratio" in output(capsys, *arguments)

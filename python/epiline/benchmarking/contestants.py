@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epiline._core import StereoMatcher
+from epiline._core import Region, StereoMatcher
 from epiline.benchmarking.pairs import Pair
 
 Answer = NDArray[np.float32]
@@ -49,11 +49,18 @@ def ours(name: str, pair: Pair, threads: int, **parameters: Any) -> Contestant:
     return Contestant(name, lambda: matcher(pair.left, pair.right, out=out), lambda: out.values)
 
 
-def sad(pair: Pair, disparities: int, window: int, threads: int, *, tests: bool) -> Contestant:
-    """Window sums as in `cv2.StereoBM`, with its tests or none."""
-    name = f"sad, window {window}"
-    chosen = _TESTS if tests else _NO_TESTS
-    return ours(name, pair, threads, method="sad", num_disparities=disparities, block_size=window, **chosen)
+def sad(
+    pair: Pair,
+    disparities: int,
+    window: int,
+    threads: int,
+    *,
+    tests: bool,
+    regions: Sequence[Region] | None = None,
+) -> Contestant:
+    """Window sums as in `cv2.StereoBM`, with its tests or none; the whole image, or these regions of it."""
+    chosen = {**(_TESTS if tests else _NO_TESTS), "num_disparities": disparities, "block_size": window}
+    return ours(f"sad, window {window}", pair, threads, method="sad", regions=regions, **chosen)
 
 
 def preset(name: str, pair: Pair, disparities: int, threads: int, *, tests: bool) -> Contestant:

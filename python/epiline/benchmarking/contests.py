@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from epiline._core import paper_regions
 from epiline.benchmarking import contestants as run
 from epiline.benchmarking.contestants import Answer, Contestant
 from epiline.benchmarking.pairs import Pair
@@ -26,6 +27,9 @@ SIZES: tuple[Size, ...] = (
 QUICK_SIZES: tuple[Size, ...] = ((320, 240, 48), (640, 480, 64))
 WINDOWS = (9, 15, 21)
 PRESETS = ("fast", "balanced", "accurate")
+# The paper's image; its four bands are 20 to 50 rows tall.
+_BANDED: Size = (320, 240, 48)
+_BAND_WINDOW = 15
 # Answers of different methods agree when they are within this, px.
 _AGREE_PX = 1.0
 
@@ -113,6 +117,7 @@ def rows(level: str, pair: Pair, plan: Plan) -> Iterator[Row]:
 
     for threads in plan.threads:
         cv2.setNumThreads(threads)
+        yield from _bands_against_whole(pair.resized(*_BANDED[:2]), plan, {"level": level, "threads": threads})
         for size in plan.sizes:
             scene = pair.resized(*size[:2])
             context = {"level": level, "threads": threads} | dict(
@@ -156,6 +161,30 @@ def _against_one_thread(pair: Pair, plan: Plan, context: dict[str, Any]) -> Iter
         times = time_in_turns((several, one), plan.repeats, plan.budget_s, one_thread=False)
         alone = Contestant(f"{one.name}, one thread", one.work, one.answer)
         yield _row(several, alone, times[:, 0], times[:, 1], "equal", _same_everywhere, context)
+
+
+def _bands_against_whole(pair: Pair, plan: Plan, context: dict[str, Any]) -> Iterator[Row]:
+    """The paper's regions alone against the whole image; the name has the share of the rows that their windows need."""
+    width, height, disparities = _BANDED
+    bands = paper_regions(width, height)
+    inside = np.zeros(height, bool)
+    for band in bands:
+        inside[band.y : band.y + band.height] = True
+    for tests in (False, True):
+        mine, whole = (
+            run.sad(pair, disparities, _BAND_WINDOW, context["threads"], tests=tests, regions=regions)
+            for regions in (bands, None)
+        )
+        times = time_in_turns((mine, whole), plan.repeats, plan.budget_s, one_thread=context["threads"] == 1)
+        needed = np.convolve(inside, np.ones(_BAND_WINDOW), "same") > 0
+        named = Contestant(f"{len(bands)} bands ({100 * needed.mean():.0f} % of rows)", mine.work, mine.answer)
+        against = Contestant("sad, whole image", whole.work, whole.answer)
+        size = {"width": width, "height": height, "disparities": disparities, "tests": tests}
+
+        def check(answer: Answer, reference: Answer) -> float:
+            return _same_everywhere(answer[inside], reference[inside])
+
+        yield _row(named, against, times[:, 0], times[:, 1], "equal", check, context | size)
 
 
 def _row(

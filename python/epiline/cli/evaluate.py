@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from epiline._core import StereoMatcher
 from epiline.cli.arguments import PRESETS, parameter, whole
 from epiline.cli.console import print_json, print_table, progress, say
@@ -59,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--per-scene", action="store_true", help="a row per scene, not only per family")
     parser.add_argument("--halves", action="store_true", help="also the means of every other scene, by name")
     parser.add_argument("--robustness", action="store_true", help="bad1 when exposure, noise, blur, rows go wrong")
+    parser.add_argument("--sparsification", action="store_true", help="how well the confidence predicts the error")
     parser.add_argument("--opencv", action="store_true", help="also OpenCV's matchers, padded, and filled")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="write disparity, error and reasons as PNG here")
     parser.add_argument(
@@ -84,6 +87,9 @@ def run(args: argparse.Namespace) -> None:
     scenes = _scenes(args)
     if args.robustness:
         _robustness(args, scenes, settings)
+        return
+    if args.sparsification:
+        _sparsification(args, scenes, settings)
         return
     results = _score_scenes(args, scenes, settings)
     if args.json:
@@ -185,6 +191,37 @@ def _robustness(args: argparse.Namespace, scenes: Sequence[Scene], settings: Seq
         say(_table_as_csv(columns, rows).rstrip())
     else:
         print_table(f"bad1 %, non-occluded pixels, every one answered; mean over {len(scenes)} scenes", columns, rows)
+
+
+def _sparsification(args: argparse.Namespace, scenes: Sequence[Scene], settings: Sequence[Method]) -> None:
+    """Areas under the sparsification curve and the oracle's, non-occluded pixels, px."""
+    from epiline.evaluation.settings import Setting
+    from epiline.evaluation.sparsification import sparsification
+
+    rows: list[tuple[str, str, float, float, float]] = []
+    own = [setting for setting in settings if isinstance(setting, Setting)]
+    with progress("matching", len(scenes) * len(own)) as advance:
+        for setting in own:
+            for scene in scenes:
+                disparity = setting.map(scene.left, scene.right, scene.num_disparities, args.threads)
+                curve = sparsification(disparity, None, scene.truth, scene.non_occluded)
+                rows.append((setting.name, scene.name, curve.area, curve.oracle_area, curve.ratio))
+                advance()
+    for setting in own:
+        mine = [row for row in rows if row[0] == setting.name]
+        for group, holds in _groups(scene.name for scene in scenes).items():
+            members = [row[2:] for row in mine if holds(row[1])]
+            area, oracle, ratio = (float(np.nanmean(column)) for column in zip(*members, strict=True))
+            rows.append((setting.name, group, area, oracle, ratio))
+    columns = ("setting", "scene", "area", "oracle_area", "ratio")
+    if args.json:
+        print_json({"curves": [dict(zip(columns, row, strict=True)) for row in rows]})
+    elif args.csv:
+        say(_table_as_csv(columns, rows).rstrip())
+    else:
+        means = set(_groups(scene.name for scene in scenes))
+        shown = [row for row in rows if args.per_scene or row[1] in means]
+        print_table("mean error against the share kept, most trusted first: areas, px", columns, shown)
 
 
 def _record(result: Result) -> dict[str, Any]:
