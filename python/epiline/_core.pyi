@@ -303,6 +303,7 @@ class StereoMatcher:
         speckle_size: int = 0,
         speckle_range: int = 2,
         subpixel: bool = True,
+        coarse_weight: int = 0,
         fill: bool = False,
         paths: int = 4,
         p1: int = 48,

@@ -209,6 +209,7 @@ fn set(params: &mut MatcherParams, name: &str, value: &Bound<'_, PyAny>) -> PyRe
         "speckle_size" => params.speckle_size = count("speckle_size", value)?,
         "speckle_range" => params.speckle_range = count("speckle_range", value)?,
         "subpixel" => params.subpixel = value.extract()?,
+        "coarse_weight" => params.coarse_weight = count("coarse_weight", value)?,
         "fill" => params.fill = value.extract()?,
         "paths" => params.paths = count("paths", value)?,
         "p1" => params.p1 = count("p1", value)?,
@@ -273,7 +274,7 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 /// ----------
 /// preset : {"fast", "balanced", "accurate"}, optional
 ///     A measured combination of the parameters below, but for the range of disparities; those given change it. "fast"
-///     is sad, "balanced" and "accurate" are sgm, each with its tests.
+///     is sad with coarse costs, "balanced" and "accurate" are sgm, each with its tests.
 /// method : {"sad", "sgm"}
 ///     How pixels are matched.
 /// num_disparities : int
@@ -300,6 +301,9 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 ///     Neighbours within this many px hang together.
 /// subpixel : bool
 ///     Refine to 1/16 px.
+/// coarse_weight : int
+///     sad: add semi-global costs from half the resolution with this weight, 0 (off) to 25 percent; they guide windows
+///     with little texture of their own. Try 4.
 /// fill : bool
 ///     Answer everywhere: what has no value takes the smaller of its row's nearest values, marked as filled; then a 3x3
 ///     median.
@@ -314,7 +318,7 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 /// regions : sequence of Region or (x, y, width, height), optional
 ///     Match these boxes only, each with its own range where a Region has one. Inside them the answers are exactly those
 ///     of the whole image; outside there are none (border). A pixel in several boxes has the range of the first. With
-///     sad the cost follows the area; sgm and `fill` need the whole image all the same. A Pipeline does not use them.
+///     sad the cost follows the area; sgm, `coarse_weight` and `fill` need the whole image all the same. A Pipeline does not use them.
 /// geometry : RectifiedGeometry, optional
 ///     For regions with a `range_m`.
 ///
@@ -357,6 +361,7 @@ pub fn parameters_dict<'py>(py: Python<'py>, params: &MatcherParams) -> PyResult
     dict.set_item("speckle_size", params.speckle_size)?;
     dict.set_item("speckle_range", params.speckle_range)?;
     dict.set_item("subpixel", params.subpixel)?;
+    dict.set_item("coarse_weight", params.coarse_weight)?;
     dict.set_item("fill", params.fill)?;
     dict.set_item("paths", params.paths)?;
     dict.set_item("p1", params.p1)?;
@@ -370,8 +375,8 @@ impl PyStereoMatcher {
     #[new]
     #[pyo3(signature = (**parameters), text_signature = "(*, preset=None, method='sad', num_disparities=64, \
         block_size=..., min_disparity=0, threads=None, prefilter='xsobel', prefilter_cap=..., uniqueness_ratio=0, \
-        texture_threshold=0, left_right_max_diff=None, speckle_size=0, speckle_range=2, subpixel=True, fill=False, \
-        paths=4, p1=48, p2=127, saturation_threshold=0, regions=None, geometry=None)")]
+        texture_threshold=0, left_right_max_diff=None, speckle_size=0, speckle_range=2, subpixel=True, \
+        coarse_weight=0, fill=False, paths=4, p1=48, p2=127, saturation_threshold=0, regions=None, geometry=None)")]
     fn new(parameters: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let params = params_from(parameters)?;
         let given = |name: &str| -> PyResult<Option<Bound<'_, PyAny>>> {

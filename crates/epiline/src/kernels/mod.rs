@@ -3,6 +3,7 @@
 //! Kernels see slices, not images. The [`Kernels`] of a [`Level`] are a table of function pointers, filled with the
 //! references and overwritten upward; each entry computes the same bits at every level (`tests/simd_kernels.rs`).
 
+pub mod coarse;
 mod level;
 pub mod sad;
 pub mod select;
@@ -11,6 +12,7 @@ pub mod xsobel;
 
 pub use level::{Level, simd_level};
 
+use coarse::RefineRow;
 use sad::{AddRow, RowShape, SadRow};
 use select::SelectRow;
 use semi_global::features::{CensusRow, ExtremesRow};
@@ -70,6 +72,7 @@ pub struct Kernels {
     scratch_u32: fn(&RowShape) -> usize,
     select_u16: kernel!(SelectRow, u16),
     select_u32: kernel!(SelectRow, u32),
+    refine: kernel!(RefineRow),
     xsobel: kernel!(XSobelRow),
     extremes: kernel!(ExtremesRow),
     census: kernel!(CensusRow),
@@ -94,6 +97,7 @@ impl Kernels {
             scratch_u32: sad::reference::scratch_len,
             select_u16: select::narrow,
             select_u32: select::wide,
+            refine: coarse::refine_row,
             xsobel: xsobel::xsobel_row,
             extremes: semi_global::features::extremes,
             census: semi_global::features::census,
@@ -115,6 +119,7 @@ impl Kernels {
                     sad_u32: sad::sad_u32::avx512,
                     select_u16: select::select_u16::avx512,
                     select_u32: select::select_u32::avx512,
+                    refine: coarse::row::avx512,
                     xsobel: xsobel::row::avx512,
                     extremes: semi_global::features::extremes_row::avx512,
                     census: semi_global::features::census_row::avx512,
@@ -136,6 +141,7 @@ impl Kernels {
                     sad_u32: sad::sad_u32::avx2,
                     select_u16: select::select_u16::avx2,
                     select_u32: select::select_u32::avx2,
+                    refine: coarse::row::avx2,
                     xsobel: xsobel::row::avx2,
                     extremes: semi_global::features::extremes_row::avx2,
                     census: semi_global::features::census_row::avx2,
@@ -180,6 +186,16 @@ impl Kernels {
         row.check();
         // SAFETY: the table was made from a level, which exists only where the processor has its instructions.
         unsafe { (self.xsobel)(row) }
+    }
+
+    /// What a row at half the resolution adds to costs.
+    ///
+    /// # Panics
+    /// If a slice has not the length, or a number the range, that the row's `check` demands.
+    pub fn refine(&self, row: &mut RefineRow<'_>) {
+        row.check();
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.refine)(row) }
     }
 
     /// Extremes of a row within half a pixel.

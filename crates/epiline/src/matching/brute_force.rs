@@ -9,13 +9,25 @@ use super::params::{MatcherParams, Prefilter};
 use crate::error::Result;
 use crate::image::{Image, ImageRef};
 
-/// What [`StereoMatcher::compute_masked`](super::StereoMatcher::compute_masked) must compute.
+/// What [`StereoMatcher::compute_masked`](super::StereoMatcher::compute_masked) must compute without coarse costs.
 pub fn compute_masked(
     params: &MatcherParams,
     left: ImageRef<'_, u8>,
     right: ImageRef<'_, u8>,
     left_valid: Option<ImageRef<'_, u8>>,
     right_valid: Option<ImageRef<'_, u8>>,
+) -> Result<DisparityMap> {
+    compute_guided(params, left, right, left_valid, right_valid, &|_, _, _| 0)
+}
+
+/// The same with something added to the cost of each candidate, given by its column, row and disparity.
+pub fn compute_guided(
+    params: &MatcherParams,
+    left: ImageRef<'_, u8>,
+    right: ImageRef<'_, u8>,
+    left_valid: Option<ImageRef<'_, u8>>,
+    right_valid: Option<ImageRef<'_, u8>>,
+    added: &dyn Fn(usize, usize, usize) -> i64,
 ) -> Result<DisparityMap> {
     params.validate()?;
     require_sizes(left, right, left_valid, right_valid)?;
@@ -26,7 +38,7 @@ pub fn compute_masked(
             .map(|image| Image::from_fn(image.width(), image.height(), |x, y| image.at(x, y).into())),
         Prefilter::XSobel => [derivative.clone(), self::derivative(right, params.prefilter_cap)],
     };
-    let costs = Costs { params, pair, left_valid, right_valid };
+    let costs = Costs { params, pair, left_valid, right_valid, added };
     let mut map = DisparityMap::new(left.width(), left.height());
     map.min_disparity = params.min_disparity;
     map.num_disparities = params.num_disparities;
@@ -74,6 +86,7 @@ struct Costs<'a> {
     pair: [Image<i32>; 2],
     left_valid: Option<ImageRef<'a, u8>>,
     right_valid: Option<ImageRef<'a, u8>>,
+    added: &'a dyn Fn(usize, usize, usize) -> i64,
 }
 
 impl Costs<'_> {
@@ -97,11 +110,10 @@ impl Costs<'_> {
             return None;
         }
         let [left, right] = &self.pair;
-        Some(
-            self.window(x, y)
-                .map(|(x, y)| i64::from((left.row(y)[x] - right.row(y)[x.saturating_sub(d)]).abs()))
-                .sum(),
-        )
+        let differences = self
+            .window(x, y)
+            .map(|(x, y)| i64::from((left.row(y)[x] - right.row(y)[x.saturating_sub(d)]).abs()));
+        Some(differences.sum::<i64>() + (self.added)(x, y, d))
     }
 
     fn disparities(&self) -> std::ops::Range<usize> {

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::coarse::CoarseCosts;
 use super::fill::Filler;
 use super::map::{DisparityMap, Validity};
 use super::params::{MatcherParams, Method};
@@ -14,7 +15,6 @@ use super::stripe::{Frame, Stripe};
 use super::threads::{stripes, thread_count};
 use crate::error::Result;
 use crate::image::ImageRef;
-use crate::kernels::sad::fits_u16;
 use crate::kernels::{CostKernels, Kernels, Level};
 
 /// How far beyond a box its islands of speckle are followed at first, px.
@@ -30,6 +30,7 @@ pub struct StereoMatcher {
     kernels: Kernels,
     threads: usize,
     pair: PreparedPair,
+    coarse: Option<CoarseCosts>,
     buffers: Buffers,
     saturation: SaturationTest,
     speckle: SpeckleFilter,
@@ -80,16 +81,16 @@ impl StereoMatcher {
             Method::Sgm => {
                 Buffers::SemiGlobal(Box::new((SemiGlobal::default(), Penalties::new(params.p1, params.p2))))
             }
-            Method::Sad if fits_u16(params.largest_difference(), params.block_size) => {
-                Buffers::U16(Vec::new())
-            }
+            Method::Sad if params.fits_u16() => Buffers::U16(Vec::new()),
             Method::Sad => Buffers::U32(Vec::new()),
         };
+        let is_guided = params.method == Method::Sad && params.coarse_weight > 0;
         Ok(Self {
             params,
             kernels: Kernels::new(level),
             threads: thread_count(params.threads)?,
             pair: PreparedPair::default(),
+            coarse: is_guided.then(|| CoarseCosts::new(level)),
             buffers,
             saturation: SaturationTest::default(),
             speckle: SpeckleFilter::default(),
@@ -139,7 +140,7 @@ impl StereoMatcher {
     ///
     /// The cost is that of the boxes and of margins around them: half a window on every side; on the left the largest
     /// disparity, and on the right, with the left–right test, as many columns as there are disparities. Islands of
-    /// speckle that leave a box are followed outside of it. With [`MatcherParams::fill`], and for [`Method::Sgm`],
+    /// speckle that leave a box are followed outside of it. With [`MatcherParams::fill`] or [`MatcherParams::coarse_weight`], and for [`Method::Sgm`],
     /// answers depend on the whole image: all of it is matched.
     ///
     /// Fails as [`compute_masked`](Self::compute_masked) does, and if there is no box, more than
@@ -250,12 +251,16 @@ impl StereoMatcher {
         out: &mut DisparityMap,
     ) {
         let &MaskedPair { left, right, left_valid, right_valid } = pair;
-        let Self { kernels, threads, pair, buffers, saturation, .. } = self;
+        let Self { kernels, threads, pair, coarse, buffers, saturation, .. } = self;
         if let Buffers::U16(_) | Buffers::U32(_) = buffers {
             let lanes = kernels.lanes(params.num_disparities);
             pair.prepare(kernels, params, lanes, left, right, *threads);
         }
-        let (frame, first_row) = (Frame { kernels, params, pair, left_valid, right_valid }, rows.start);
+        if let Some(coarse) = coarse {
+            coarse.compute(params, [left, right], [left_valid, right_valid], *threads);
+        }
+        let frame = Frame { kernels, params, pair, left_valid, right_valid, coarse: coarse.as_ref() };
+        let first_row = rows.start;
         match buffers {
             Buffers::U16(stripes) => compute_stripes(stripes, &frame, rows, *threads, out),
             Buffers::U32(stripes) => compute_stripes(stripes, &frame, rows, *threads, out),

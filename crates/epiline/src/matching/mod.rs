@@ -9,6 +9,7 @@
 
 mod aligned;
 pub mod brute_force;
+mod coarse;
 mod confidence;
 mod fill;
 mod left_right;

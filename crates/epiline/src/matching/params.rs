@@ -1,6 +1,7 @@
 //! What a user can choose about matching: meaning, legal range, default, and what to try.
 
 use crate::error::{Error, Result};
+use crate::kernels::sad::fits_u16;
 use crate::kernels::semi_global::{LARGEST_PENALTY, MAX_BLOCK_SIZE};
 
 /// How pixels are matched.
@@ -57,6 +58,10 @@ pub struct MatcherParams {
     pub speckle_range: u16,
     /// Refine to 1/16 px from the costs of both neighbours.
     pub subpixel: bool,
+    /// [`Method::Sad`]: weight of semi-global costs from half the resolution, which are added to the window's and guide
+    /// it where it has little texture of its own; 0 (off) to 25 % of their sums per pixel of the window. They need
+    /// `width·height·num_disparities / 8` bytes. Try 4.
+    pub coarse_weight: u8,
     /// Answer everywhere: pixels that have no value, or were rejected, take the smaller of their row's nearest values and
     /// become [`FILLED`](super::Validity::FILLED); then a 3x3 median.
     pub fill: bool,
@@ -89,6 +94,7 @@ impl Default for MatcherParams {
             speckle_size: 0,
             speckle_range: 2,
             subpixel: true,
+            coarse_weight: 0,
             fill: false,
             paths: 4,
             p1: 48,
@@ -104,6 +110,8 @@ impl MatcherParams {
     pub const MAX_DISPARITIES: usize = 1024;
     /// Largest window side, pixels.
     pub const MAX_BLOCK_SIZE: usize = 31;
+    /// Largest weight of coarse costs, percent: what is added stays below `255·31²·25 % < 2¹⁶`.
+    pub const MAX_COARSE_WEIGHT: u8 = 25;
     /// Disparities are stored in sixteenths in 16 bits, so none reaches 4096.
     pub const MAX_DISPARITY: usize = 4095;
 
@@ -113,6 +121,19 @@ impl MatcherParams {
             Method::Sad => Self::default(),
             Method::Sgm => Self { method, block_size: 3, prefilter_cap: 15, ..Self::default() },
         }
+    }
+
+    /// What the excess of coarse costs counts per window, in units of `2⁻¹⁷`, rounded up.
+    pub(super) fn coarse_factor(&self) -> u32 {
+        let area = (self.block_size * self.block_size) as u32;
+        (u32::from(self.coarse_weight) * area * 65_536).div_ceil(200)
+    }
+
+    /// Whether 16 bits are enough for the costs of [`Method::Sad`].
+    pub(super) fn fits_u16(&self) -> bool {
+        // The excess is at most 255, that is, 510 halves.
+        let coarse = (510 * u64::from(self.coarse_factor())) >> 16;
+        fits_u16(self.largest_difference(), self.block_size, coarse as usize)
     }
 
     /// Half the window: its side is `2 * radius + 1`.
@@ -152,13 +173,14 @@ impl MatcherParams {
     /// 4 % of those are off by more than 2 px. Chosen on half of these scenes.
     pub fn with_all_tests() -> Self {
         Self {
-            block_size: 11,
+            block_size: 9,
             prefilter_cap: 15,
-            uniqueness_ratio: 3,
+            uniqueness_ratio: 30,
             texture_threshold: 10,
             left_right_max_diff: Some(1),
             speckle_size: 200,
             speckle_range: 1,
+            coarse_weight: 4,
             ..Self::default()
         }
     }
@@ -189,6 +211,13 @@ impl MatcherParams {
         }
         if !(1..=63).contains(&self.prefilter_cap) {
             return Err(Error::invalid("prefilter_cap", self.prefilter_cap, "must be 1 to 63 grey levels"));
+        }
+        if self.coarse_weight > Self::MAX_COARSE_WEIGHT {
+            return Err(Error::invalid(
+                "coarse_weight",
+                format!("{} %", self.coarse_weight),
+                format!("must be 0 to {} %", Self::MAX_COARSE_WEIGHT),
+            ));
         }
         if self.uniqueness_ratio > 100 {
             return Err(Error::invalid(

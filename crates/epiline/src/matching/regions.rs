@@ -186,7 +186,8 @@ pub(super) struct Reach {
 }
 
 impl Reach {
-    /// `None` where an answer depends on the whole image: paths cross it, filling takes values from anywhere.
+    /// `None` where an answer depends on the whole image: paths cross it, at half the resolution too, and filling takes
+    /// values from anywhere.
     pub fn of(params: &MatcherParams) -> Option<Self> {
         let rows = match params.method {
             // The window, and the derivative at its edge: texture is measured with it, whatever the prefilter.
@@ -196,7 +197,8 @@ impl Reach {
         // The right pixel's other candidates lie so far to the right, and no further left than the largest disparity.
         let others = params.left_right_reach().map_or(0, |_| params.num_disparities - 1);
         let candidates = params.min_disparity + params.num_disparities - 1;
-        (!params.fill).then_some(Self { left: rows + candidates, right: rows + others, rows })
+        let is_local = !params.fill && params.coarse_weight == 0;
+        is_local.then_some(Self { left: rows + candidates, right: rows + others, rows })
     }
 
     /// The crop of an image that answers `rect`.

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::aligned::AlignedVec;
+use super::coarse::CoarseCosts;
 use super::left_right;
 use super::map::Validity;
 use super::params::MatcherParams;
@@ -21,6 +22,8 @@ pub(super) struct Frame<'a> {
     pub pair: &'a PreparedPair,
     pub left_valid: Option<ImageRef<'a, u8>>,
     pub right_valid: Option<ImageRef<'a, u8>>,
+    /// What is known from half the resolution.
+    pub coarse: Option<&'a CoarseCosts>,
 }
 
 impl Frame<'_> {
@@ -48,6 +51,7 @@ impl Frame<'_> {
 #[derive(Debug, Default)]
 pub(super) struct Stripe<C> {
     column_sums: AlignedVec<C>,
+    coarse: AlignedVec<u16>,
     scratch: AlignedVec<C>,
     blocked_left: AlignedVec<u8>,
     blocked_right: AlignedVec<u8>,
@@ -65,7 +69,12 @@ impl<C: CostKernels> Stripe<C> {
         let shape = frame.shape();
         self.prepare(frame, &shape, rows.start);
         let outputs = values.chunks_exact_mut(shape.width).zip(bits.chunks_exact_mut(shape.width));
-        for (y, (values, bits)) in rows.zip(outputs) {
+        for (y, (values, bits)) in rows.clone().zip(outputs) {
+            if let Some(coarse) = frame.coarse
+                && (y == rows.start || y.is_multiple_of(2))
+            {
+                coarse.refine(frame, y / 2, &mut self.coarse);
+            }
             self.compute_row(frame, shape, y, values, bits);
         }
     }
@@ -75,6 +84,7 @@ impl<C: CostKernels> Stripe<C> {
         let RowShape { width, lanes, radius, .. } = *shape;
         let padded = width + lanes - 1;
         self.column_sums.reset(width * lanes, C::ZERO);
+        self.coarse.reset(if frame.coarse.is_some() { width.div_ceil(2) * lanes } else { 0 }, 0);
         self.scratch.reset(C::scratch_len(frame.kernels, shape), C::BLOCKED);
         self.blocked_left.reset(width, 0);
         self.blocked_right.reset(padded, 0);
@@ -128,6 +138,7 @@ impl<C: CostKernels> Stripe<C> {
                 blocked_left: &self.blocked_left,
                 blocked_right: &self.blocked_right,
                 blocked_lanes: &self.blocked_lanes,
+                coarse: &self.coarse,
                 column_sums: &mut self.column_sums,
                 scratch: &mut self.scratch,
                 chosen: &mut self.chosen,

@@ -4,7 +4,7 @@
 //!
 //! `C(x, y, d) = Σ_{i, j = -r..r} |L(x', y') - R(x' - d, y')|` with `x' = clamp(x + i)`, `y' = clamp(y + j)`: the window
 //! is clamped to the left image, so its outermost pixels stand for those beyond, and the right pixel is the one
-//! opposite, clamped too. The pair `(x, d)` is a *candidate* if the window's centre lies in the right image,
+//! opposite, clamped too. Something may be added to it that is known from elsewhere ([`SadRow::coarse`]). The pair `(x, d)` is a *candidate* if the window's centre lies in the right image,
 //! `0 <= x - d`, and neither centre is blocked.
 //!
 //! # Layout
@@ -36,6 +36,8 @@ pub trait Cost: Copy + Ord + Default + std::fmt::Debug + Send + Sync + 'static {
     const BLOCKED: Self;
     /// The cost of equal windows.
     const ZERO: Self;
+    /// Widens what fits 16 bits.
+    fn from_u16(value: u16) -> Self;
     /// Widens a difference of two pixels.
     fn from_difference(difference: u8) -> Self;
     /// A lane's number, which is below 1024.
@@ -51,6 +53,11 @@ macro_rules! cost {
         impl Cost for $int {
             const BLOCKED: Self = <$int>::MAX;
             const ZERO: Self = 0;
+
+            #[inline(always)]
+            fn from_u16(value: u16) -> Self {
+                value.into()
+            }
 
             #[inline(always)]
             fn from_difference(difference: u8) -> Self {
@@ -77,12 +84,13 @@ macro_rules! cost {
 cost!(u16);
 cost!(u32);
 
-/// Whether window sums of differences up to `largest_difference` stay below [`Cost::BLOCKED`] of `u16`.
+/// Whether window sums of differences up to `largest_difference`, and at most `coarse` more, stay below
+/// [`Cost::BLOCKED`] of `u16`.
 ///
 /// x-Sobel with a cap of 31 (differences up to 62) fits every window up to 31: `62·31² = 59 582`. Raw pixels fit up to
 /// 15: `255·15² = 57 375`; a cap of 63 up to 21: `126·21² = 55 566`. Beyond, sums are 32 bits wide: `255·31² < 2³²`.
-pub fn fits_u16(largest_difference: u8, block_size: usize) -> bool {
-    usize::from(largest_difference) * block_size * block_size < usize::from(u16::BLOCKED)
+pub fn fits_u16(largest_difference: u8, block_size: usize, coarse: usize) -> bool {
+    usize::from(largest_difference) * block_size * block_size + coarse < usize::from(u16::BLOCKED)
 }
 
 /// The next number of lanes that kernels are built for: 1, 2, 3, 4, 6, 8, 16, 32 or 64 blocks.
@@ -180,6 +188,9 @@ pub struct SadRow<'a, C> {
     pub blocked_right: &'a [u8],
     /// Per lane: 0, or 255 where it is not a disparity asked for.
     pub blocked_lanes: &'a [u8],
+    /// Added to the window sums, or empty. Columns `2i` and `2i + 1` share `lanes` cells: first those of the even lanes,
+    /// then those of the odd ones.
+    pub coarse: &'a [u16],
     /// In: sums over the window above. Out: over this row's window. `width * lanes`.
     pub column_sums: &'a mut [C],
     /// As many cells as [`CostKernels::scratch_len`](super::CostKernels::scratch_len) says, all [`Cost::BLOCKED`]
@@ -208,6 +219,7 @@ impl<C> SadRow<'_, C> {
         assert!(self.blocked_right.len() == width + lanes - 1, "blocked_right");
         assert!(self.blocked_lanes.len() == lanes, "blocked_lanes");
         assert!(self.column_sums.len() == width * lanes, "column_sums");
+        assert!(self.coarse.is_empty() || self.coarse.len() == width.div_ceil(2) * lanes, "coarse");
         assert!(self.scratch.len() == scratch_len, "scratch");
         assert!(self.chosen.len() == width, "chosen");
         assert!(self.rivals.len() == width, "rivals");
@@ -227,8 +239,12 @@ mod tests {
     #[test]
     fn sixteen_bits_are_enough_exactly_where_stated() {
         for (difference, largest_block) in [(62, 31), (126, 21), (255, 15)] {
-            assert!(fits_u16(difference, largest_block), "{difference} {largest_block}");
-            assert!(!fits_u16(difference, largest_block + 2), "{difference} {}", largest_block + 2);
+            assert!(fits_u16(difference, largest_block, 0), "{difference} {largest_block}");
+            assert!(!fits_u16(difference, largest_block + 2, 0), "{difference} {}", largest_block + 2);
+            let rest = 65_534 - usize::from(difference) * largest_block * largest_block;
+            assert!(
+                fits_u16(difference, largest_block, rest) && !fits_u16(difference, largest_block, rest + 1)
+            );
         }
     }
 

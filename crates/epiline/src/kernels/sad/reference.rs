@@ -27,6 +27,7 @@ pub fn scratch_len(shape: &RowShape) -> usize {
 pub fn sad_row<C: Cost>(row: &mut SadRow<'_, C>) {
     slide_columns_down(row);
     sum_columns_along(row);
+    add_coarse(row);
     block(row);
     let RowShape { lanes, uniqueness_ratio, left_right_reach, .. } = row.shape;
     find_best(row.scratch, lanes, uniqueness_ratio, row.chosen, row.rivals);
@@ -71,6 +72,22 @@ fn sum_columns_along<C: Cost>(row: &mut SadRow<'_, C>) {
             costs.iter_mut().zip(&*before).zip(entering).zip(leaving)
         {
             *cost = before.slide(entering, leaving);
+        }
+    }
+}
+
+/// Adds what the column's pair has for the lane: cell `k / 2` of the even or of the odd ones.
+#[inline(always)]
+fn add_coarse<C: Cost>(row: &mut SadRow<'_, C>) {
+    let lanes = row.shape.lanes;
+    // The last column may be without a companion.
+    for (columns, coarse) in row.scratch.chunks_mut(2 * lanes).zip(row.coarse.chunks_exact(lanes)) {
+        let (even, odd) = coarse.split_at(lanes / 2);
+        for costs in columns.chunks_exact_mut(lanes) {
+            let (pairs, _) = costs.as_chunks_mut::<2>();
+            for ((pair, &even), &odd) in pairs.iter_mut().zip(even).zip(odd) {
+                *pair = [pair[0].slide(C::from_u16(even), C::ZERO), pair[1].slide(C::from_u16(odd), C::ZERO)];
+            }
         }
     }
 }

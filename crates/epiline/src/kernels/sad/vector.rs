@@ -4,7 +4,7 @@
 //! for each column x:
 //!     V[x + r] += |L_in - R_in| - |L_out - R_out|       all lanes of a column; V streams through the cache
 //!     H        += V[x + r] - V[x - r - 1]               in registers
-//!     h         = H, blocked where not a candidate
+//!     h         = H, and the coarse costs of x, blocked where not a candidate
 //!     best      = minimum over the lanes of h;  lane = first lane of h that equals it
 //!     R         = min(R, h);  right_best[x] = R[0];  shift R down one lane
 //!     costs beside the best
@@ -368,6 +368,14 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
             }
 
             let mut costs = self.window;
+            if !row.coarse.is_empty() {
+                let even = row.coarse.as_ptr().add(x / 2 * Self::LANES);
+                let odd = even.add(Self::LANES / 2);
+                for p in 0..P {
+                    costs[p][0] = costs[p][0].add(V::load(even.add(p * V::COUNT)));
+                    costs[p][1] = costs[p][1].add(V::load(odd.add(p * V::COUNT)));
+                }
+            }
             if EDGE && x < blocked_columns {
                 let left = *row.blocked_left.get_unchecked(x);
                 let (rights, lanes) = (row.blocked_right.as_ptr().add(x), row.blocked_lanes.as_ptr());

@@ -15,7 +15,7 @@ use std::ops::Range;
 
 use self::costs::CostRows;
 pub(super) use self::penalties::Penalties;
-use self::rows::{PathRows, Vertical};
+use self::rows::{Disparities, Excess, PathRows, Sink, Vertical};
 use super::aligned::AlignedVec;
 use super::map::{DisparityMap, Validity};
 use super::params::MatcherParams;
@@ -83,13 +83,20 @@ pub(super) struct SemiGlobal {
 impl SemiGlobal {
     /// Matches a pair into `out`, which has its size.
     pub fn compute(&mut self, frame: &Frame<'_>, threads: usize, out: &mut DisparityMap) {
-        self.match_bands(frame, threads, out);
+        let sink = Disparities { values: out.values.as_mut_slice(), bits: out.validity.as_mut_slice() };
+        self.match_bands(frame, threads, sink);
         if frame.params.texture_threshold > 0 {
             self.mark_texture(frame, out);
         }
     }
 
-    fn match_bands(&mut self, frame: &Frame<'_>, threads: usize, out: &mut DisparityMap) {
+    /// How much the sum of each candidate exceeds the smallest of its pixel, 255 at most and where there is no candidate;
+    /// 0 for all lanes of a pixel without any. `width * lanes` per row.
+    pub fn compute_excess(&mut self, frame: &Frame<'_>, threads: usize, excess: &mut [u8]) {
+        self.match_bands(frame, threads, Excess(excess));
+    }
+
+    fn match_bands<S: Sink>(&mut self, frame: &Frame<'_>, threads: usize, mut sink: S) {
         let (width, height) = (frame.width(), frame.height());
         let row_cells = width * frame.lanes();
         // A single thread keeps a row in its cache from its costs to its disparities.
@@ -114,7 +121,9 @@ impl SemiGlobal {
             compute_costs(&mut self.cost_rows, frame, band.clone(), costs);
             self.vertical.extend(frame, band.clone(), costs, above, jobs);
             if !whole {
-                choose(&mut self.path_rows, frame, band, [costs, above, &[]], out);
+                let own;
+                (own, sink) = sink.split(frame, band.len());
+                choose(&mut self.path_rows, frame, band, [costs, above, &[]], own);
             }
         }
         if !whole {
@@ -126,7 +135,9 @@ impl SemiGlobal {
             let (costs, above) = (&self.costs[cells.clone()], &self.above[cells]);
             let below = &mut self.below[..band.len() * row_cells];
             self.vertical.extend_upward(frame, band.clone(), costs, below, jobs);
-            choose(&mut self.path_rows, frame, band, [costs, above, below], out);
+            let own;
+            (sink, own) = sink.split(frame, band.start);
+            choose(&mut self.path_rows, frame, band, [costs, above, below], own);
         }
     }
 
@@ -168,31 +179,25 @@ fn compute_costs(buffers: &mut [CostRows], frame: &Frame<'_>, band: Range<usize>
     run_all(jobs.into_iter());
 }
 
-/// Disparities of a band from its costs and vertical paths, rows shared out.
-fn choose(
+/// Sums of a band from its costs and vertical paths, rows shared out.
+fn choose<S: Sink>(
     buffers: &mut [PathRows],
     frame: &Frame<'_>,
     band: Range<usize>,
     [costs, above, below]: [&[u8]; 3],
-    out: &mut DisparityMap,
+    mut sink: S,
 ) {
     let (width, lanes) = (frame.width(), frame.lanes());
-    let pixels = band.start * width..band.end * width;
-    let mut values = &mut out.values.as_mut_slice()[pixels.clone()];
-    let mut bits = &mut out.validity.as_mut_slice()[pixels];
     let first = band.start;
-    let jobs: Vec<_> = parts(band, buffers.len())
-        .zip(buffers)
-        .map(|(rows, buffers)| {
-            let (own_values, own_bits);
-            (own_values, values) = std::mem::take(&mut values).split_at_mut(rows.len() * width);
-            (own_bits, bits) = std::mem::take(&mut bits).split_at_mut(rows.len() * width);
-            let cells = (rows.start - first) * width * lanes..(rows.end - first) * width * lanes;
-            let below = if below.is_empty() { below } else { &below[cells.clone()] };
-            let volumes = [&costs[cells.clone()], &above[cells], below];
-            move || buffers.compute(frame, rows, volumes, own_values, own_bits)
-        })
-        .collect();
+    let mut jobs = Vec::with_capacity(buffers.len());
+    for (rows, buffers) in parts(band, buffers.len()).zip(buffers) {
+        let cells = (rows.start - first) * width * lanes..(rows.end - first) * width * lanes;
+        let below = if below.is_empty() { below } else { &below[cells.clone()] };
+        let volumes = [&costs[cells.clone()], &above[cells], below];
+        let own;
+        (own, sink) = sink.split(frame, rows.len());
+        jobs.push(move || buffers.compute(frame, rows, volumes, own));
+    }
     run_all(jobs.into_iter());
 }
 

@@ -97,6 +97,54 @@ fn step(
     }));
 }
 
+/// What becomes of the sums of neighbouring rows.
+pub(super) trait Sink: Sized + Send {
+    /// Those of the first `count` rows, and the rest.
+    fn split(self, frame: &Frame<'_>, count: usize) -> (Self, Self);
+
+    /// Takes the sums of image row `y`, the `i`-th of these.
+    fn take(&mut self, frame: &Frame<'_>, i: usize, y: usize, sums: &PathRows);
+}
+
+/// Rows of the disparity map.
+pub(super) struct Disparities<'a> {
+    pub values: &'a mut [u16],
+    pub bits: &'a mut [u8],
+}
+
+impl Sink for Disparities<'_> {
+    fn split(self, frame: &Frame<'_>, count: usize) -> (Self, Self) {
+        let (values, next_values) = self.values.split_at_mut(count * frame.width());
+        let (bits, next_bits) = self.bits.split_at_mut(count * frame.width());
+        (Self { values, bits }, Self { values: next_values, bits: next_bits })
+    }
+
+    fn take(&mut self, frame: &Frame<'_>, i: usize, y: usize, sums: &PathRows) {
+        let pixels = i * frame.width()..(i + 1) * frame.width();
+        sums.select(frame, y, &mut self.values[pixels.clone()], &mut self.bits[pixels]);
+    }
+}
+
+/// Rows of how much every candidate's sum exceeds the pixel's smallest, `width * lanes` each.
+pub(super) struct Excess<'a>(pub &'a mut [u8]);
+
+impl Sink for Excess<'_> {
+    fn split(self, frame: &Frame<'_>, count: usize) -> (Self, Self) {
+        let (rows, next) = self.0.split_at_mut(count * frame.width() * frame.lanes());
+        (Self(rows), Self(next))
+    }
+
+    fn take(&mut self, frame: &Frame<'_>, i: usize, _: usize, sums: &PathRows) {
+        let (lanes, cells) = (frame.lanes(), frame.width() * frame.lanes());
+        let columns = self.0[i * cells..(i + 1) * cells].chunks_exact_mut(lanes);
+        for ((excess, sums), choice) in columns.zip(sums.sums.chunks_exact(lanes)).zip(&sums.chosen) {
+            for (excess, sum) in excess.iter_mut().zip(sums) {
+                *excess = (sum - choice.best).min(u8::MAX.into()) as u8;
+            }
+        }
+    }
+}
+
 /// Horizontal paths, sums and choices of a row, for one job.
 #[derive(Debug, Default)]
 pub(super) struct PathRows {
@@ -124,22 +172,20 @@ impl PathRows {
         self.right_best.resize(width + lanes - 1, 0);
     }
 
-    /// Disparities of some rows from their costs and vertical paths.
-    pub fn compute(
+    /// Sums of some rows from their costs and vertical paths, each handed to the sink.
+    pub fn compute<S: Sink>(
         &mut self,
         frame: &Frame<'_>,
         rows: Range<usize>,
         [costs, above, below]: [&[u8]; 3],
-        values: &mut [u16],
-        bits: &mut [u8],
+        mut sink: S,
     ) {
-        let (width, cells) = (frame.width(), frame.width() * frame.lanes());
-        let outputs = values.chunks_exact_mut(width).zip(bits.chunks_exact_mut(width));
-        for ((i, y), (values, bits)) in rows.enumerate().zip(outputs) {
+        let cells = frame.width() * frame.lanes();
+        for (i, y) in rows.enumerate() {
             let row = i * cells..(i + 1) * cells;
             let below = if below.is_empty() { below } else { &below[row.clone()] };
             self.sum(frame, y, [&costs[row.clone()], &above[row], below]);
-            self.select(frame, y, values, bits);
+            sink.take(frame, i, y, self);
         }
     }
 
