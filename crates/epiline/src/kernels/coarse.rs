@@ -2,9 +2,9 @@
 
 use super::portable;
 
-/// A coarse row, and what it adds to the costs of the two rows it stands for.
+/// A coarse row, and what it adds to the costs of the two rows it stands for: `(factor · 2 C(d / 2)) >> 16`.
 ///
-/// Disparity `d` is `d / 2` at half the resolution; of an odd one, the costs are the means of both neighbours'. Lanes run
+/// Disparity `d` is `d / 2` at half the resolution; of an odd one, the cost is the mean of both neighbours'. Lanes run
 /// downward in disparity, as in [`sad`](super::sad), hence the means are those of cells that follow each other.
 #[derive(Debug)]
 pub struct RefineRow<'a> {
@@ -44,6 +44,12 @@ impl RefineRow<'_> {
     }
 }
 
+/// A cost, doubled so that means are whole.
+#[inline(always)]
+fn weigh(doubled: u32, factor: u32) -> u16 {
+    ((doubled * factor) >> 16) as u16
+}
+
 #[inline(always)]
 pub(super) fn refine_row(row: &mut RefineRow<'_>) {
     let RefineRow { coarse_lanes, first_lane, end_lane, start, factor, lanes, .. } = *row;
@@ -53,7 +59,6 @@ pub(super) fn refine_row(row: &mut RefineRow<'_>) {
     let inside = |lane: usize| lane.saturating_add_signed(-start).min(cells.len());
     let (before, until) = (inside(first_lane), inside(end_lane));
     let from = before.saturating_add_signed(start);
-    let weigh = |doubled: u32| ((doubled * factor) >> 16) as u16;
     let columns = row.costs.chunks_exact(coarse_lanes).zip(row.added.chunks_exact_mut(lanes));
     for (costs, added) in columns {
         cells[..before].fill(costs[first_lane]);
@@ -62,11 +67,11 @@ pub(super) fn refine_row(row: &mut RefineRow<'_>) {
         let (even, odd) = added.split_at_mut(lanes / 2);
         let means = if row.starts_odd { &mut *even } else { &mut *odd };
         for (mean, (&larger, &smaller)) in means.iter_mut().zip(cells.iter().zip(&cells[1..])) {
-            *mean = weigh(u32::from(larger) + u32::from(smaller));
+            *mean = weigh(u32::from(larger) + u32::from(smaller), factor);
         }
         let (others, whole) = if row.starts_odd { (odd, &cells[1..]) } else { (even, &*cells) };
         for (other, &cost) in others.iter_mut().zip(whole) {
-            *other = weigh(2 * u32::from(cost));
+            *other = weigh(2 * u32::from(cost), factor);
         }
     }
 }
