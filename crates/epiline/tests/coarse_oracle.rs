@@ -61,7 +61,7 @@ fn added(params: &MatcherParams, scene: &Scene) -> impl Fn(usize, usize, usize) 
     let factor = (i64::from(params.coarse_weight) * area * 65_536 + 199) / 200;
     move |x, y, d| {
         let at = |half_d: usize| volume[y / 2][x / 2][half_d.clamp(first, last) - first];
-        (at(d / 2) + at(d.div_ceil(2))) * factor >> 16
+        ((at(d / 2) + at(d.div_ceil(2))) * factor) >> 16
     }
 }
 
