@@ -63,6 +63,7 @@ impl CoarseCosts {
             min_disparity: first / 2,
             num_disparities: last / 2 - first / 2 + 1,
             block_size: 3,
+            prefilter: params.prefilter,
             prefilter_cap: 15,
             paths: 3,
             p1: 48,
