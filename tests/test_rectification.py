@@ -79,6 +79,63 @@ def test_images_and_masks_are_equation_4_at_opencv_positions(degrees: tuple[floa
         assert (abs(ours - opencv)[sure] <= 1).mean() > (0.99 if cv2.__version__ >= "5" else 0.8)
 
 
+@pytest.mark.parametrize("degrees", [(0.0, 0.0, 0.0), (1.0, 1.5, -2.0)])
+def test_alpha_lies_where_opencvs_does(degrees: tuple[float, float, float]) -> None:
+    rotation, _ = cv2.Rodrigues(np.radians(degrees))
+    translation = rotation @ [-0.12, 0.004, -0.003]
+    for alpha in (0.0, 1.0):
+        ours = ep.Rectifier(rig(degrees), alpha=alpha).geometry.focal_px
+        *_, P1, _, _, _, _ = cv2.stereoRectify(
+            LEFT_K, LEFT_D, RIGHT_K, RIGHT_D, (640, 480), rotation, translation, alpha=alpha, flags=0
+        )
+        # OpenCV samples nine points an edge and centres each picture by itself.
+        assert ours == pytest.approx(P1[0, 0], rel=0.12), alpha
+    pair = ep.Rectifier(rig(degrees), alpha=0.0)(*[np.full((480, 640), 9, np.uint8)] * 2)
+    assert pair.left_valid.all()
+    assert pair.right_valid.all()
+
+
+def test_options_of_the_view() -> None:
+    wide = ep.Rectifier(rig((0.0, 0.0, 0.0)), size=(800, 300), fov_deg=90)
+    assert (wide.geometry.width, wide.geometry.height) == (800, 300)
+    assert wide.geometry.focal_px == pytest.approx(400)
+    assert wide.geometry.projection == "pinhole"
+    assert ep.Rectifier(rig((0.0, 0.0, 0.0)), focal_px=321).geometry.focal_px == 321
+    with pytest.raises(ValueError, match="at most one"):
+        ep.Rectifier(rig((0.0, 0.0, 0.0)), alpha=0.5, fov_deg=90)
+    with pytest.raises(ValueError, match=r"fov_deg = 180"):
+        ep.Rectifier(rig((0.0, 0.0, 0.0)), fov_deg=180)
+    with pytest.raises(ValueError, match="expected pinhole or cylindrical"):
+        ep.Rectifier(rig((0.0, 0.0, 0.0)), projection="spherical")  # type: ignore[arg-type]
+
+
+def test_a_fisheye_pair_on_a_cylinder() -> None:
+    """Rows agree, and the law of sines gives the points back: checked with vectors alone."""
+    camera = ep.CameraModel(
+        [[145, 0, 239.5], [0, 145, 239.5], [0, 0, 1]], [-0.01, 2e-3, 0, 0], width=480, height=480, lens="kannala-brandt"
+    )
+    rotation, _ = cv2.Rodrigues(np.radians([1.0, -2.0, 0.7]))
+    fisheyes = ep.StereoCalibration(camera, camera, rotation, [-0.1, 2e-3, 3e-3])
+    geometry = ep.Rectifier(fisheyes, size=(500, 500), fov_deg=178, projection="cylindrical").geometry
+    rng = np.random.default_rng(4)
+    directions = rng.normal(size=(300, 3))
+    directions[:, 2] = abs(directions[:, 2])
+    points = directions / np.linalg.norm(directions, axis=1, keepdims=True) * rng.uniform(0.5, 20, (300, 1))
+    b = geometry.baseline_m
+    left, right = points, points - [b, 0, 0]
+    columns = [np.arctan2(p[:, 0], np.hypot(p[:, 1], p[:, 2])) for p in (left, right)]
+    row = np.arctan2(points[:, 1], points[:, 2])
+    x = geometry.focal_px * columns[0] + geometry.cx_px
+    y = geometry.focal_px * row + geometry.cy_px
+    disparity = geometry.focal_px * (columns[0] - columns[1])
+    np.testing.assert_allclose(geometry.points(np.stack([x, y, disparity], 1)), points, rtol=1e-7, atol=1e-7)
+    flat = ep.DisparityMap(np.full((500, 500), 160, np.uint16), np.zeros((500, 500), np.uint8))
+    with pytest.raises(ValueError, match="needs a pinhole pair"):
+        ep.to_range(flat, geometry)
+    with pytest.raises(ValueError, match="needs a pinhole pair"):
+        _ = geometry.Q
+
+
 def test_q_and_depth_triangulate() -> None:
     degrees = (1.0, -1.5, 0.5)
     geometry = ep.Rectifier(rig(degrees)).geometry

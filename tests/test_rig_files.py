@@ -105,7 +105,7 @@ BREAKAGES = [
     ("another file", r"format: [^\n]*", "format: camera_info", "format", "camera_info"),
     ("a list for a table", r"^[\s\S]*", "- 1\n- 2\n...", "document", "a list of 2"),
     ("not YAML", r"^[\s\S]*", "left: [1, 2\nright: }", "document", "not valid YAML"),
-    ("empty file", r"^[\s\S]*", "", "document", "cut off"),
+    ("empty file", r"^[\s\S]*", "", "document", "is empty"),
 ]
 
 

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import epiline as ep
+from epiline.cli import main
 
 LENSES: dict[str, list[float]] = {
     "brown-conrady": [-0.28, 0.09, 1.2e-3, -3e-4, 1 / 3],
@@ -23,7 +24,10 @@ LENSES: dict[str, list[float]] = {
 FORMATS = {
     "epiline": (list(LENSES), ["rig.yaml"]),
     "opencv": (["brown-conrady", "rational", "thin-prism", "kannala-brandt"], ["rig.yml"]),
-    "opencv pair": (["brown-conrady", "rational", "thin-prism", "kannala-brandt"], ["intrinsics.yml", "extrinsics.yml"]),
+    "opencv pair": (
+        ["brown-conrady", "rational", "thin-prism", "kannala-brandt"],
+        ["intrinsics.yml", "extrinsics.yml"],
+    ),
     "opencv xml": (["brown-conrady", "rational", "thin-prism", "kannala-brandt"], ["rig.xml"]),
     "ros": (["brown-conrady", "rational", "kannala-brandt"], ["left.yaml", "right.yaml"]),
     "kalibr": (["radtan", "kannala-brandt"], ["camchain.yaml"]),
@@ -72,7 +76,7 @@ def test_round_trips_are_exact_and_the_rest_is_refused(tmp_path: Path, kind: str
     name = kind.split()[0]
     held = lens in lenses or (lens == "radtan" and "brown-conrady" in lenses)
     if not held:
-        with pytest.raises(ep.Error, match="cannot|has no k3") as caught:
+        with pytest.raises(ep.Error, match=r"cannot|has no k3") as caught:
             rig(lens).save(paths, format=name)  # type: ignore[arg-type]
         assert names[0] in str(caught.value)
         assert list(tmp_path.iterdir()) == []
@@ -217,7 +221,9 @@ def test_mrcal(tmp_path: Path, data: Path) -> None:
     left, right = (cv2.Rodrigues(np.array(p[:3]))[0] for p in poses)
     np.testing.assert_allclose(found.rotation, right @ left.T, atol=1e-12)
     np.testing.assert_allclose(found.translation_m, poses[1][3:] - right @ left.T @ poses[0][3:], atol=1e-12)
-    paths[0].write_text(paths[0].read_text().replace("OPENCV8", "SPLINED_STEREOGRAPHIC_order=3_Nx=30_Ny=20_fov_x_deg=150"))
+    paths[0].write_text(
+        paths[0].read_text().replace("OPENCV8", "SPLINED_STEREOGRAPHIC_order=3_Nx=30_Ny=20_fov_x_deg=150")
+    )
     with pytest.raises(ep.Error, match=r"a\.cameramodel.*'lensmodel'.*SPLINED"):
         ep.StereoCalibration.load(paths)
 
@@ -268,10 +274,11 @@ def test_ros_means_what_stereo_rectify_means(tmp_path: Path) -> None:
 def test_ros_files_rectify_the_pictures_as_ours_do(tmp_path: Path) -> None:
     paths = (tmp_path / "left.yaml", tmp_path / "right.yaml")
     rig().save(paths)
-    storage = cv2.FileStorage()
     image = np.random.default_rng(0).integers(0, 256, (480, 640)).astype(np.uint8)
-    del storage
-    assert (ep.Rectifier(ep.StereoCalibration.load(paths))(image, image).left == ep.Rectifier(rig())(image, image).left).mean() > 0.999
+    theirs, ours = (ep.Rectifier(r)(image, image) for r in (ep.StereoCalibration.load(paths), rig()))
+    # Positions that differ by rounding may fall on either side of a 256th of a pixel.
+    assert (theirs.left == ours.left).mean() > 0.999
+    assert (theirs.right == ours.right).mean() > 0.999
 
 
 CAMCHAIN = """\
@@ -372,7 +379,9 @@ def test_the_real_karlsruhe_file_is_a_rig(data: Path) -> None:
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join([f'*{chr(97 + i)}'] * 9)}]\n" for i in range(9)
 )
-XML_LAUGHS = '<?xml version="1.0"?><!DOCTYPE z [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><opencv_storage>&b;</opencv_storage>'
+XML_LAUGHS = (
+    '<?xml version="1.0"?><!DOCTYPE z [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><opencv_storage>&b;</opencv_storage>'
+)
 HOSTILE = [
     ("billion laughs", "rig.yaml", LAUGHS, "document"),
     ("entities", "rig.xml", XML_LAUGHS, "document"),
@@ -382,7 +391,12 @@ HOSTILE = [
     ("empty", "rig.yml", "", "document"),
     ("only a head", "rig.yml", "%YAML:1.0\n---\n", "document"),
     ("unclosed", "rig.xml", "<opencv_storage><M1>", "document"),
-    ("huge matrix", "rig.yml", "M1: !!opencv-matrix\n   rows: 3\n   cols: 99999999\n   dt: d\n   data: [ 1. ]\n", "M1.cols"),
+    (
+        "huge matrix",
+        "rig.yml",
+        "M1: !!opencv-matrix\n   rows: 3\n   cols: 99999999\n   dt: d\n   data: [ 1. ]\n",
+        "M1.cols",
+    ),
     ("no numbers", "rig.yml", "M1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ a, b ]\n", "M1.data"),
     ("NaN", "rig.yml", "M1: !!opencv-matrix\n   rows: 1\n   cols: 1\n   dt: d\n   data: [ .Nan ]\n", "M1.data[0]"),
 ]
@@ -413,8 +427,7 @@ def test_no_truncated_or_damaged_file_is_a_different_rig(tmp_path: Path, kind: s
         last.write_text(text[:end])
         try:
             found = ep.StereoCalibration.load(paths)
-        except (ep.Error, ValueError) as error:
-            assert "\n" not in str(error)
+        except (ep.Error, ValueError):
             continue
         # A cut inside the last, unused entries may leave the rig whole.
         assert_same(found, truth)
@@ -435,7 +448,9 @@ def test_lenses_are_opencvs(lens: str) -> None:
     pixels = model.project(points)
     zero = np.zeros(3)
     if lens == "kannala-brandt":
-        expected, _ = cv2.fisheye.projectPoints(points.reshape(-1, 1, 3), zero, zero, model.camera_matrix, model.distortion)
+        expected, _ = cv2.fisheye.projectPoints(
+            points.reshape(-1, 1, 3), zero, zero, model.camera_matrix, model.distortion
+        )
     elif lens == "tsai":
         # u = d (1 + kappa1 d²), solved by the roots of the cubic.
         ideal = points[:, :2] / points[:, 2:]
@@ -453,16 +468,42 @@ def test_lenses_are_opencvs(lens: str) -> None:
     if lens not in ("kannala-brandt", "tsai"):
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
         theirs = cv2.undistortPoints(
-            pixels.reshape(-1, 1, 2), model.camera_matrix, model.distortion, None, None, model.camera_matrix, criteria=criteria
+            pixels.reshape(-1, 1, 2),
+            model.camera_matrix,
+            model.distortion,
+            None,
+            None,
+            model.camera_matrix,
+            criteria=criteria,
         )
         inner = np.linalg.norm(points[:, :2] / points[:, 2:], axis=1) < 0.6
         np.testing.assert_allclose(model.undistort(pixels)[inner], theirs.reshape(-1, 2)[inner], atol=1e-5)
 
 
 def test_a_fisheye_behind_the_image_plane() -> None:
-    model = ep.CameraModel([[200, 0, 320], [0, 200, 240], [0, 0, 1]], [0, 0, 0, 0], width=640, height=480, lens="kannala-brandt")
+    model = ep.CameraModel(
+        [[200, 0, 320], [0, 200, 240], [0, 0, 1]], [0, 0, 0, 0], width=640, height=480, lens="kannala-brandt"
+    )
     sideways = np.array([[1.0, 0.0, -0.2]])
     pixel = model.project(sideways)
     assert pixel[0] == pytest.approx([320 + 200 * (np.pi / 2 + np.arctan(0.2)), 240])
     np.testing.assert_allclose(model.directions(pixel), sideways / np.linalg.norm(sideways), atol=1e-12)
     assert np.isnan(model.undistort(pixel)).all(), "no pinhole image sees it"
+
+
+def test_the_command_line_describes_and_converts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, target = tmp_path / "camchain.yaml", (tmp_path / "left.yaml", tmp_path / "right.yaml")
+    rig("radtan").save(source, format="kalibr")
+    assert main(["info", "--rig", str(source), "--save-as", *map(str, target), "--format", "ros", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["baseline_m"] == pytest.approx(rig().baseline_m)
+    assert facts["left"]["lens"] == "brown-conrady"
+    # Wider than the 61.9 degrees of a pinhole: barrel distortion.
+    assert 62 < facts["left"]["fov_deg"][0] < 70
+    assert_same(ep.StereoCalibration.load(target), rig("radtan"))
+    assert main(["info", "--rig", *map(str, target)]) == 0
+    assert "brown-conrady" in capsys.readouterr().out
+    assert main(["info", "--rig", str(source), "--save-as", str(tmp_path / "calib.txt")]) == 1
+    assert "cannot hold the left lens's distortion" in capsys.readouterr().err
+    assert main(["info", "--save-as", str(source)]) == 1
+    assert "--rig" in capsys.readouterr().err

@@ -138,9 +138,7 @@ class StereoCalibration:
     def load(
         path: Path | tuple[Path, Path],
         *,
-        format: Literal[
-            "epiline", "opencv", "ros", "kalibr", "mrcal", "boofcv", "middlebury", "kitti", "kitti-grey"
-        ]
+        format: Literal["epiline", "opencv", "ros", "kalibr", "mrcal", "boofcv", "middlebury", "kitti", "kitti-grey"]
         | None = None,
         image_size: tuple[int, int] | None = None,
         unit_m: float = 1.0,
@@ -203,9 +201,12 @@ class RectifiedGeometry:
     @property
     def baseline_m(self) -> float: ...
     @property
+    def projection(self) -> Literal["pinhole", "cylindrical"]: ...
+    @property
     def Q(self) -> Floats: ...
     @property
     def aligned_from_left(self) -> Floats: ...
+    def points(self, pixels: ArrayLike) -> Floats: ...
     def depth_m(self, disparity_px: float) -> float: ...
     def disparity_px(self, depth_m: float) -> float: ...
 
@@ -224,7 +225,16 @@ class RectifiedPair:
 
 @final
 class Rectifier:
-    def __new__(cls, calibration: StereoCalibration) -> Rectifier: ...
+    def __new__(
+        cls,
+        calibration: StereoCalibration,
+        *,
+        size: tuple[int, int] | None = None,
+        alpha: float | None = None,
+        fov_deg: float | None = None,
+        focal_px: float | None = None,
+        projection: Literal["pinhole", "cylindrical"] = "pinhole",
+    ) -> Rectifier: ...
     @property
     def geometry(self) -> RectifiedGeometry: ...
     def __call__(self, left: Image, right: Image) -> RectifiedPair: ...

@@ -22,7 +22,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
 }
 
 /// A `(rows, N)` array of rows.
-fn rows_array<'py, const N: usize>(
+pub fn rows_array<'py, const N: usize>(
     py: Python<'py>,
     rows: impl IntoIterator<Item = [f64; N]>,
 ) -> Bound<'py, PyArray2<f64>> {

@@ -2,13 +2,16 @@
 
 use epiline::image::{Image, ImageRef};
 use epiline::rectification::{
-    AlignmentError, AlignmentMeter, AlignmentOptions, PointMatch, RectifiedGeometry, Rectifier,
+    AlignmentError, AlignmentMeter, AlignmentOptions, PointMatch, Projection, RectifiedGeometry, Rectifier,
+    RectifierOptions, Scale,
 };
+use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::camera::{PyStereoCalibration, matrix_array};
-use crate::convert::{OrRaise, grey_image, image_array, mask_image, whole};
+use crate::camera::{PyStereoCalibration, matrix_array, rows_array};
+use crate::convert::{OrRaise, grey_image, image_array, mask_image, rows_of, whole};
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -106,13 +109,44 @@ impl PyRectifiedGeometry {
         self.0.baseline_m
     }
 
-    /// (4, 4) float64: (X, Y, Z, 1) ~ Q (x, y, d, 1), metres in the left aligned frame.
+    /// What the images are drawn on: "pinhole" or "cylindrical".
+    #[getter]
+    fn projection(&self) -> &'static str {
+        match self.0.projection {
+            Projection::Pinhole => "pinhole",
+            Projection::Cylindrical => "cylindrical",
+        }
+    }
+
+    /// (4, 4) float64: (X, Y, Z, 1) ~ Q (x, y, d, 1), metres in the left aligned frame. A cylinder has none.
     #[getter(Q)]
-    fn q<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+    fn q<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.0.require_pinhole("Q").or_raise()?;
         // nalgebra stores columns first.
-        PyArray1::from_slice(py, self.0.q_matrix().transpose().as_slice())
-            .reshape([4, 4])
-            .expect("4 x 4 numbers")
+        let q = PyArray1::from_slice(py, self.0.q_matrix().transpose().as_slice());
+        Ok(q.reshape([4, 4]).expect("4 x 4 numbers"))
+    }
+
+    /// The points seen at positions of the left image with disparities, whatever the projection.
+    ///
+    /// Parameters
+    /// ----------
+    /// pixels : (N, 3) array_like
+    ///     x, y and disparity, pixels.
+    ///
+    /// Returns
+    /// -------
+    /// (N, 3) float64
+    ///     Metres in the left aligned frame; NaN where the rays do not meet in front of both cameras.
+    fn points<'py>(
+        &self,
+        py: Python<'py>,
+        pixels: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let pixels = rows_of::<3>("pixels", pixels)?;
+        let nowhere = Vector3::repeat(f64::NAN);
+        let point = |[x, y, d]: [f64; 3]| self.0.point_m(x, y, d).unwrap_or(nowhere).into();
+        Ok(rows_array::<3>(py, pixels.into_iter().map(point)))
     }
 
     /// (3, 3) float64: rotates left-camera directions into the aligned frame.
@@ -209,22 +243,62 @@ impl PyRectifiedPair {
 /// ----------
 /// calibration : StereoCalibration
 ///     The rig.
+/// size : (width, height), optional
+///     Of both aligned images, pixels; by default that of the left camera, exchanged if the rig is rolled by more than
+///     45 degrees.
+/// alpha : float, optional
+///     How much of the scene is shown: 0 only pixels that have a source in both images, 1 all pixels of both
+///     photographs.
+/// fov_deg : float, optional
+///     The same as the view's width in degrees.
+/// focal_px : float, optional
+///     The same as a focal length, pixels; on a cylinder pixels per radian. Of these three at most one; by default the
+///     middle of the picture keeps its scale.
+/// projection : {"pinhole", "cylindrical"}
+///     What the images are drawn on: a plane, or for wide lenses a cylinder around the baseline whose columns are
+///     angles. ``geometry.points`` gives the points of either; ``to_range`` takes the plane.
 ///
 /// Raises
 /// ------
 /// ValueError
-///     A rig that cannot exist.
+///     A rig that cannot exist, or an option out of its range.
 /// epiline.Error
-///     Swapped cameras, a baseline that is not horizontal, or cameras that see nothing in common.
+///     Swapped cameras, a baseline along the viewing direction, or cameras that see nothing in common.
 #[pyclass(name = "Rectifier", module = "epiline", frozen)]
 pub struct PyRectifier(pub Rectifier);
 
 #[pymethods]
 impl PyRectifier {
     #[new]
-    fn new(py: Python<'_>, calibration: &Bound<'_, PyStereoCalibration>) -> PyResult<Self> {
+    #[pyo3(signature = (calibration, *, size = None, alpha = None, fov_deg = None, focal_px = None, projection = "pinhole"))]
+    fn new(
+        py: Python<'_>,
+        calibration: &Bound<'_, PyStereoCalibration>,
+        size: Option<(i64, i64)>,
+        alpha: Option<f64>,
+        fov_deg: Option<f64>,
+        focal_px: Option<f64>,
+        projection: &str,
+    ) -> PyResult<Self> {
+        let size = size.map(|(w, h)| PyResult::Ok((whole("width", w)?, whole("height", h)?))).transpose()?;
+        let scale = match (alpha, fov_deg, focal_px) {
+            (None, None, None) => Scale::Natural,
+            (Some(alpha), None, None) => Scale::Alpha(alpha),
+            (None, Some(fov_deg), None) => Scale::FieldOfView(fov_deg.to_radians()),
+            (None, None, Some(focal_px)) => Scale::Focal(focal_px),
+            _ => return Err(PyValueError::new_err("alpha, fov_deg, focal_px: give at most one of them")),
+        };
+        let projection = match projection {
+            "pinhole" => Projection::Pinhole,
+            "cylindrical" => Projection::Cylindrical,
+            other => {
+                let expected = "expected pinhole or cylindrical";
+                return Err(PyValueError::new_err(format!("projection = '{other}': {expected}")));
+            }
+        };
+        let options = RectifierOptions { size, scale, projection };
         let calibration = &calibration.get().0;
-        py.detach(|| Rectifier::new(calibration)).map(Self).or_raise()
+        py.detach(|| Rectifier::with_options(calibration, options)).map(Self).or_raise()
     }
 
     /// Geometry of the aligned images.

@@ -1,9 +1,9 @@
 //! The aligned views of synthetic rigs against projection written out in double precision.
 
 use epiline::Error;
-use epiline::camera::{Brown, CameraModel, Pose, StereoCalibration};
+use epiline::camera::{Brown, CameraModel, KannalaBrandt, Lens, Pose, StereoCalibration};
 use epiline::image::{Image, ImageRef};
-use epiline::rectification::{RectifiedGeometry, Rectifier, RectifierOptions, Remap};
+use epiline::rectification::{Projection, RectifiedGeometry, Rectifier, RectifierOptions, Remap, Scale};
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use proptest::prelude::*;
 
@@ -151,7 +151,8 @@ fn pixels_are_the_source_at_the_mapped_position_and_masks_say_where_there_is_one
             // Wider than the cameras, so that all four borders and the fold of the lens are in view.
             let options = RectifierOptions {
                 size: Some((size[0] + 61, size[1] + 62)),
-                focal_px: Some(0.6 * size[0] as f64),
+                scale: Scale::Focal(0.6 * size[0] as f64),
+                ..RectifierOptions::default()
             };
             let rectifier = Rectifier::with_options(&calibration, options).expect("an ordinary rig");
             let geometry = rectifier.geometry();
@@ -248,7 +249,7 @@ fn impossible_rigs_are_refused_with_the_reason() {
     }
     assert!(refused(&|rig| rig.left.center_px[0] = f64::NAN).contains("cx = NaN"));
     assert!(refused(&|rig| rig.right_from_left.translation_m.x = 0.1).contains("swapped"));
-    assert!(refused(&|rig| rig.right_from_left.translation_m.y = 0.5).contains("not horizontal"));
+    assert!(refused(&|rig| rig.right_from_left.translation_m.z = 0.5).contains("viewing direction"));
     let crossed = Rotation3::from_axis_angle(&Vector3::y_axis(), 0.9).into_inner();
     assert!(refused(&|rig| rig.right_from_left.rotation = crossed).contains("look past each other sideways"));
     assert!(
@@ -258,13 +259,190 @@ fn impossible_rigs_are_refused_with_the_reason() {
 
     let with = |options| Rectifier::with_options(&good, options);
     for focal_px in [0.0, -5.0, f64::NAN, f64::INFINITY] {
-        let options = RectifierOptions { focal_px: Some(focal_px), ..RectifierOptions::default() };
+        let options = RectifierOptions { scale: Scale::Focal(focal_px), ..RectifierOptions::default() };
         let error = with(options).expect_err("must be refused");
         assert!(matches!(error, Error::InvalidParameter { name: "focal_px", .. }), "{error}");
     }
     for size in [(0, 5), (5, 0), (usize::MAX, 1)] {
         assert!(with(RectifierOptions { size: Some(size), ..RectifierOptions::default() }).is_err());
     }
+}
+
+/// Points in front of a rig land on one row of its aligned images, at the disparity that gives them back.
+fn check_points(calibration: &StereoCalibration, options: RectifierOptions, points: &[Vector3<f64>]) {
+    let rectifier = Rectifier::with_options(calibration, options).expect("an ordinary rig");
+    let geometry = rectifier.geometry();
+    let masks = [rectifier.left_valid(), rectifier.right_valid()];
+    let mut seen = 0;
+    for &point in points {
+        let aligned = geometry.aligned_from_left * point;
+        let [x, y, d] = geometry.pixel_of(&aligned).expect("in front of both");
+        assert!(d > 0.0);
+        let back = geometry.point_m(x, y, d).expect("rays that meet");
+        assert!((back - aligned).norm() < 1e-9 * aligned.norm(), "{back:?} is not {aligned:?}");
+        let inside = |x: f64, y: f64| {
+            (1.0..geometry.width as f64 - 2.0).contains(&x)
+                && (1.0..geometry.height as f64 - 2.0).contains(&y)
+        };
+        if !(inside(x, y) && inside(x - d, y)) {
+            continue;
+        }
+        // A spot where each camera sees the point must come out on that row, at those columns.
+        let left = calibration.left.project(point).expect("in view");
+        let right = calibration.right.project(calibration.right_from_left.apply(point)).expect("in view");
+        let [left, right] = rectified(
+            &rectifier,
+            [
+                &spots(calibration.left.width, calibration.left.height, &[left]),
+                &spots(calibration.right.width, calibration.right.height, &[right]),
+            ],
+        );
+        for (image, mask, x) in [(&left, masks[0], x), (&right, masks[1], x - d)] {
+            if mask.at(x.round() as usize, y.round() as usize) == 0 || x < 12.0 || y < 12.0 {
+                continue;
+            }
+            if x > geometry.width as f64 - 13.0 || y > geometry.height as f64 - 13.0 {
+                continue;
+            }
+            let at = centroid(image, Vector2::new(x, y));
+            assert!((at - Vector2::new(x, y)).norm() < 0.15, "{at:?} is not ({x}, {y})");
+            seen += 1;
+        }
+    }
+    assert!(seen >= points.len(), "only {seen} spots of {} points are in view", points.len());
+}
+
+fn points_around(reach: f64) -> Vec<Vector3<f64>> {
+    (0..12)
+        .map(|i| {
+            let angle = f64::from(i) * 0.9;
+            let out = reach * f64::from(i) / 12.0;
+            Vector3::new(out.sin() * angle.cos(), out.sin() * angle.sin(), out.cos())
+                * (1.0 + 0.2 * f64::from(i))
+        })
+        .collect()
+}
+
+#[test]
+fn rolled_rigs_come_out_level_and_unmirrored() {
+    for degrees in [0.0_f64, 30.0, -30.0, 60.0, 90.0, -90.0] {
+        // The whole rig turned about its viewing direction: one camera above the other at 90 degrees.
+        let mut calibration = rig([320, 240], [LENS; 2], [0.5, -0.7, 0.4]);
+        let roll = Rotation3::from_axis_angle(&Vector3::z_axis(), degrees.to_radians()).into_inner();
+        let pose = calibration.right_from_left;
+        calibration.right_from_left = Pose {
+            rotation: roll * pose.rotation * roll.transpose(),
+            translation_m: roll * pose.translation_m,
+        };
+        let rectifier = Rectifier::new(&calibration).expect("a rolled rig");
+        let geometry = *rectifier.geometry();
+        assert!(geometry.focal_px > 0.0);
+        let expected = if degrees.abs() > 45.0 { (240, 320) } else { (320, 240) };
+        assert_eq!((geometry.width, geometry.height), expected);
+        // No more than the roll: in particular never a half turn, and never a mirror image.
+        assert!((geometry.aligned_from_left.determinant() - 1.0).abs() < 1e-9);
+        let turn = Rotation3::from_matrix_unchecked(geometry.aligned_from_left).angle().to_degrees();
+        assert!((turn - degrees.abs()).abs() < 4.0, "turned by {turn} for a roll of {degrees}");
+        check_points(&calibration, RectifierOptions::default(), &points_around(0.3));
+    }
+    // At 180 degrees a rolled rig and swapped cameras are the same thing, and said to be.
+    let mut upside_down = aligned_rig(40, 30);
+    upside_down.right_from_left.translation_m.x *= -1.0;
+    let message = Rectifier::new(&upside_down).expect_err("ambiguous").to_string();
+    assert!(message.contains("swapped, or mounted upside down"), "{message}");
+}
+
+/// Two fisheyes of 190 degrees, side by side, a little askew.
+fn fisheye_rig() -> StereoCalibration {
+    let lens = KannalaBrandt { k1: -0.01, k2: 0.002, ..KannalaBrandt::default() };
+    let camera = CameraModel {
+        focal_px: [145.0, 145.0],
+        center_px: [239.5, 239.5],
+        lens: Lens::KannalaBrandt(lens),
+        width: 480,
+        height: 480,
+    };
+    let rotation = Rotation3::from_euler_angles(0.02, -0.03, 0.01).into_inner();
+    StereoCalibration::new(camera, camera, Pose { rotation, translation_m: Vector3::new(-0.1, 0.002, 0.003) })
+        .expect("an ordinary rig")
+}
+
+#[test]
+fn fisheyes_on_a_cylinder() {
+    let calibration = fisheye_rig();
+    let options = RectifierOptions {
+        size: Some((520, 520)),
+        scale: Scale::FieldOfView(175_f64.to_radians()),
+        projection: Projection::Cylindrical,
+    };
+    let rectifier = Rectifier::with_options(&calibration, options).expect("a fisheye rig");
+    let geometry = rectifier.geometry();
+    assert!((geometry.focal_px - 520.0 / 175_f64.to_radians()).abs() < 1e-9);
+    let valid = rectifier.left_valid().rows().flatten().filter(|&&v| v != 0).count();
+    assert!(valid > 520 * 520 * 7 / 10, "{valid} px valid");
+    check_points(&calibration, options, &points_around(1.3));
+
+    // The law of sines: where the rays at 60 degrees to the right meet, 2 m off.
+    let angle = 60_f64.to_radians();
+    let point = Vector3::new(angle.sin(), 0.0, angle.cos()) * 2.0;
+    let right = (point.x - geometry.baseline_m).atan2(point.z);
+    let [x, _, d] = geometry.pixel_of(&point).expect("in view");
+    assert!((x - geometry.cx_px - geometry.focal_px * angle).abs() < 1e-9);
+    assert!((d - geometry.focal_px * (angle - right)).abs() < 1e-9);
+    assert_eq!(geometry.point_m(x, 10.0, 0.0), None, "parallel rays");
+    assert_eq!(geometry.point_m(x, 10.0, -3.0), None, "rays that part");
+    assert!((geometry.depth_m(geometry.disparity_px(3.0)) - 3.0).abs() < 1e-12);
+    let message = geometry.require_pinhole("to_range").expect_err("a cylinder").to_string();
+    assert!(message.contains("to_range needs a pinhole pair"), "{message}");
+}
+
+#[test]
+fn alpha_goes_from_only_valid_pixels_to_all_of_them() {
+    for projection in [Projection::Pinhole, Projection::Cylindrical] {
+        for degrees in [[0.0, 0.0, 0.0], [1.5, -1.0, 2.0]] {
+            let calibration = rig([320, 240], [LENS; 2], degrees);
+            let at = |alpha| {
+                let options = RectifierOptions {
+                    scale: Scale::Alpha(alpha),
+                    projection,
+                    ..RectifierOptions::default()
+                };
+                Rectifier::with_options(&calibration, options).expect("an ordinary rig")
+            };
+            let [tight, half, all] = [0.0, 0.5, 1.0].map(at);
+            for mask in [tight.left_valid(), tight.right_valid()] {
+                assert!(mask.rows().flatten().all(|&v| v == 255), "alpha 0 shows only valid pixels");
+            }
+            let focal = |r: &Rectifier| r.geometry().focal_px;
+            assert!(focal(&tight) > focal(&half) && focal(&half) > focal(&all));
+            // Corners of both cameras' pictures are inside the view.
+            let geometry = all.geometry();
+            let turns = cameras_from_aligned(&calibration, geometry);
+            for (camera, turn) in [&calibration.left, &calibration.right].into_iter().zip(turns) {
+                for corner in [[0.0, 0.0], [319.0, 0.0], [0.0, 239.0], [319.0, 239.0]] {
+                    let ray = turn.transpose() * camera.direction(Vector2::from(corner)).expect("in view");
+                    // A point so far away that the cameras are in one place.
+                    let [x, y, _] = geometry.pixel_of(&(ray * 1e9)).expect("in front");
+                    let inside = (-0.6..319.6).contains(&x) && (-0.6..239.6).contains(&y);
+                    assert!(inside, "{corner:?} lies at ({x}, {y})");
+                }
+            }
+        }
+    }
+    let narrower = |scale| {
+        Rectifier::with_options(
+            &rig([320, 240], [LENS; 2], [0.0; 3]),
+            RectifierOptions { scale, ..RectifierOptions::default() },
+        )
+    };
+    for alpha in [-0.1, 1.1, f64::NAN] {
+        assert!(narrower(Scale::Alpha(alpha)).expect_err("out of range").to_string().contains("alpha"));
+    }
+    for fov in [0.0, 3.2, f64::NAN] {
+        assert!(narrower(Scale::FieldOfView(fov)).expect_err("out of range").to_string().contains("fov_deg"));
+    }
+    let geometry = *narrower(Scale::FieldOfView(1.0)).expect("a narrow view").geometry();
+    assert!((2.0 * (160.0 / geometry.focal_px).atan() - 1.0).abs() < 1e-12);
 }
 
 proptest! {

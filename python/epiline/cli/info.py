@@ -1,4 +1,4 @@
-"""`epiline info`: what this build is and what the machine offers it."""
+"""`epiline info`: what this build is and what the machine offers it; with --rig, what a rig file holds."""
 
 from __future__ import annotations
 
@@ -7,15 +7,39 @@ import os
 import platform
 from pathlib import Path
 
-from epiline._core import __version__, simd_level
+import numpy as np
+
+from epiline._core import CameraModel, StereoCalibration, __version__, simd_level
 from epiline.cli.console import print_json, print_table
+
+_FORMATS = ("epiline", "opencv", "ros", "kalibr", "mrcal", "middlebury", "kitti")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument(
+        "--rig",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="describe a rig instead: one file, or two (left and right; OpenCV: intrinsics and extrinsics)",
+    )
+    parser.add_argument("--save-as", nargs="+", type=Path, metavar="FILE", help="write that rig to one file or two")
+    parser.add_argument("--format", choices=_FORMATS, help="of the files written; by default their names decide")
+    parser.add_argument(
+        "--image-size", type=_size, metavar="WxH", help="of the photographs, px, for files that do not say"
+    )
+    parser.add_argument(
+        "--unit", type=float, default=1.0, metavar="M", help="metres in a unit of length, for files that do not say"
+    )
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.rig is not None:
+        _run_rig(args)
+        return
+    if args.save_as is not None:
+        raise ValueError("--save-as: give the rig to write with --rig")
     facts: dict[str, object] = {
         "version": __version__,
         "simd_level": simd_level(),
@@ -33,6 +57,70 @@ def run(args: argparse.Namespace) -> None:
     rows = [(name.replace("_", " "), value) for name, value in facts.items()]
     rows.append(("cameras", ", ".join(c["device"] for c in cameras) or "none found"))
     print_table("epiline", ("", ""), rows)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"'{text}': expected WIDTHxHEIGHT, like 640x480")
+    return int(width), int(height)
+
+
+def _paths(option: str, paths: list[Path]) -> Path | tuple[Path, Path]:
+    if len(paths) == 1:
+        return paths[0]
+    if len(paths) == 2:
+        return paths[0], paths[1]
+    raise ValueError(f"{option}: expected one file or two, got {len(paths)}")
+
+
+def _run_rig(args: argparse.Namespace) -> None:
+    rig = StereoCalibration.load(_paths("--rig", args.rig), image_size=args.image_size, unit_m=args.unit)
+    if args.save_as is not None:
+        rig.save(_paths("--save-as", args.save_as), format=args.format)
+    facts: dict[str, object] = {
+        "baseline_m": rig.baseline_m,
+        "translation_m": rig.translation_m.tolist(),
+        "rotation": rig.rotation.tolist(),
+        "rms_px": rig.rms_px,
+        "epipolar_error_px": rig.epipolar_error_px,
+    }
+    cameras = {"left": rig.left, "right": rig.right}
+    if args.json:
+        described = {
+            side: {
+                "width": camera.width,
+                "height": camera.height,
+                "lens": camera.lens,
+                "camera_matrix": camera.camera_matrix.tolist(),
+                "distortion": camera.distortion.tolist(),
+                "fov_deg": _field_of_view(camera),
+            }
+            for side, camera in cameras.items()
+        }
+        print_json({**facts, **described})
+        return
+    rows: list[tuple[str, object]] = []
+    for side, camera in cameras.items():
+        (fx, _, cx), (_, fy, cy), _ = camera.camera_matrix.tolist()
+        across, along = _field_of_view(camera)
+        rows += [
+            (side, f"{camera.width}x{camera.height} px, {camera.lens}, {across:.1f} x {along:.1f} degrees"),
+            ("", f"fx {fx:.2f}  fy {fy:.2f}  cx {cx:.2f}  cy {cy:.2f} px"),
+            ("", " ".join(f"{c:.4g}" for c in camera.distortion)),
+        ]
+    rows.append(("baseline", f"{1e3 * rig.baseline_m:.3f} mm"))
+    rows.append(("rms, held-out epipolar error", f"{rig.rms_px:.3f}, {rig.epipolar_error_px:.3f} px"))
+    print_table("rig", ("", ""), rows)
+
+
+def _field_of_view(camera: CameraModel) -> tuple[float, float]:
+    """Degrees between the rays of the middle row's ends and of the middle column's; NaN where the lens has none."""
+    right, bottom = camera.width - 1.0, camera.height - 1.0
+    ends = [[0, bottom / 2], [right, bottom / 2], [right / 2, 0], [right / 2, bottom]]
+    # From the axis outward: between the rays themselves an angle beyond 180 degrees would count as less.
+    angles = np.degrees(np.arccos(np.clip(camera.directions(ends)[:, 2], -1, 1)))
+    return float(angles[0] + angles[1]), float(angles[2] + angles[3])
 
 
 def _cores() -> int:

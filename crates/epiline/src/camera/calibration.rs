@@ -204,30 +204,33 @@ impl AlignedFrame {
     ///
     /// # Errors
     ///
-    /// [`Error::Degenerate`] if the right camera sits left of the left one (swapped cameras), or the baseline
-    /// runs along the viewing direction or vertically: no rotation of the views puts their epipolar lines on
-    /// scan-lines then without turning the pictures over.
+    /// [`Error::Degenerate`] if the right camera sits left of the left one (swapped cameras, or both upside down), or
+    /// the baseline runs along the viewing direction: no rotation of the views puts their epipolar lines on scan-lines
+    /// then without turning the pictures over. A rig one above the other is rolled by up to a right angle.
     pub fn of(right_from_left: &Pose) -> Result<Self> {
         let full_turn = Rotation3::from_matrix_unchecked(right_from_left.rotation);
         let half_turn = Rotation3::from_scaled_axis(full_turn.scaled_axis() * 0.5);
         // In the half-way frame the right camera's centre lies at -R½ᵀ T.
         let right_center = -(half_turn.inverse() * right_from_left.translation_m);
         let baseline_m = right_center.norm();
-        if right_center.x <= 0.0 {
+        let [x, y, z] = right_center.into();
+        if right_center.xy().norm() < 0.5 * baseline_m {
             return Err(Error::degenerate(
                 "rectification",
                 format!(
-                    "the right camera is {:.4} m to the left of the left camera; the two are swapped",
-                    -right_center.x
+                    "the baseline ({x:.4}, {y:.4}, {z:.4}) m runs along the viewing direction: more than 60 degrees off \
+                     the image plane"
                 ),
             ));
         }
-        if right_center.x < 0.5 * baseline_m {
+        // Just past vertical is still a rolled rig; well past it, to level the baseline would turn the pictures over.
+        if x < -0.2 * baseline_m {
             return Err(Error::degenerate(
                 "rectification",
                 format!(
-                    "the baseline ({:.4}, {:.4}, {:.4}) m is not horizontal enough: more than 60 degrees off the image rows",
-                    right_center.x, right_center.y, right_center.z
+                    "the right camera is {:.4} m to the left of the left camera; the two are swapped, or mounted \
+                     upside down: then turn both pictures first",
+                    -x
                 ),
             ));
         }

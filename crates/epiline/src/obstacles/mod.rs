@@ -150,6 +150,7 @@ pub fn find_obstacles(
     regions: &[Region],
     params: &ObstacleParams,
 ) -> Result<Vec<Obstacle>> {
+    geometry.require_pinhole("find_obstacles")?;
     let mut obstacles = Vec::new();
     ObstacleFinder::default().find(disparity, geometry, regions, params, &mut obstacles)?;
     Ok(obstacles)

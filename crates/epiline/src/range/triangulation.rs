@@ -96,6 +96,7 @@ impl Triangulation {
     /// [`Error::InvalidParameter`] unless the standard deviation is finite and not negative.
     pub fn new(geometry: &RectifiedGeometry, disparity_sigma_px: f64) -> Result<Self> {
         check_disparity_sigma(disparity_sigma_px)?;
+        geometry.require_pinhole("to_range")?;
         let column_term = (0..geometry.width)
             .map(|x| {
                 let u = (x as f64 - geometry.cx_px) / geometry.focal_px;

@@ -2,6 +2,7 @@
 
 mod alignment;
 mod geometry;
+mod projection;
 mod rectifier;
 mod remap;
 mod view;
@@ -10,5 +11,6 @@ pub use alignment::{
     AlignmentError, AlignmentMeter, AlignmentOptions, MIN_MATCHES, PointMatch, alignment_error,
 };
 pub use geometry::RectifiedGeometry;
-pub use rectifier::{Rectifier, RectifierOptions};
+pub use projection::Projection;
+pub use rectifier::{Rectifier, RectifierOptions, Scale};
 pub use remap::Remap;

@@ -1,23 +1,38 @@
 //! A calibrated rig's maps, computed once.
 
-use nalgebra::{Matrix3, Vector3};
-
 use super::geometry::RectifiedGeometry;
+use super::projection::Projection;
 use super::remap::Remap;
-use super::view::shared_principal_point;
-use crate::camera::{AlignedFrame, CameraModel, StereoCalibration};
+use super::view::{Turned, flat_of, focal_for_alpha, principal_point, shared_center};
+use crate::camera::{AlignedFrame, StereoCalibration};
 use crate::error::{Error, Result};
 use crate::image::{Image, ImageRef, check_sides};
+
+/// How large the scene is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Scale {
+    /// As the cameras see it: the middle of the picture keeps its scale.
+    #[default]
+    Natural,
+    /// A focal length, pixels; on a cylinder pixels per radian.
+    Focal(f64),
+    /// A horizontal field of view, radians, less than π on a plane.
+    FieldOfView(f64),
+    /// From 0, only valid pixels, to 1, all pixels of both cameras' pictures; focal lengths between in proportion.
+    Alpha(f64),
+}
 
 /// What the aligned images should look like. The default suits matching.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RectifierOptions {
-    /// Width and height of both aligned images, pixels. Default: those of the left camera. Another size shows more
-    /// or less of the scene at the same scale; to scale the picture, give `focal_px` too.
+    /// Width and height of both aligned images, pixels. Default: those of the left camera, exchanged if it is rolled
+    /// by more than 45 degrees against the baseline. Another size shows more or less of the scene at the natural
+    /// scale.
     pub size: Option<(usize, usize)>,
-    /// Focal length of both aligned images, pixels. Default: [`AlignedFrame::common_focal_px`], so that the middle of
-    /// the picture keeps its scale. A smaller one shows more of the scene, smaller.
-    pub focal_px: Option<f64>,
+    /// How large the scene is drawn.
+    pub scale: Scale,
+    /// What it is drawn on.
+    pub projection: Projection,
 }
 
 /// Aligns the images of a calibrated rig, so that a point of the scene lies on one row in both.
@@ -55,27 +70,53 @@ impl Rectifier {
     /// # Errors
     ///
     /// [`Error::InvalidParameter`] for a rig that cannot exist (see [`StereoCalibration::validate`]), an image or
-    /// output side beyond [`MAX_SIDE_PX`](crate::image::MAX_SIDE_PX) or a focal length that is not positive and
-    /// finite; [`Error::Degenerate`] where no rotation aligns the views ([`AlignedFrame::of`]) or the cameras see
+    /// output side beyond [`MAX_SIDE_PX`](crate::image::MAX_SIDE_PX) or a scale beyond its range; [`Error::Degenerate`] where no rotation aligns the views ([`AlignedFrame::of`]) or the cameras see
     /// nothing in common.
     pub fn with_options(calibration: &StereoCalibration, options: RectifierOptions) -> Result<Self> {
         calibration.validate()?;
         let StereoCalibration { left, right, right_from_left, .. } = calibration;
         check_sides("left camera", left.width, left.height)?;
         check_sides("right camera", right.width, right.height)?;
-        let (width, height) = options.size.unwrap_or((left.width, left.height));
-        let focal_px = options.focal_px.unwrap_or_else(|| AlignedFrame::common_focal_px(left, right));
-
         let frame = AlignedFrame::of(right_from_left)?;
-        let [cx_px, cy_px] = shared_principal_point(&frame, [left, right], [width, height], focal_px)?;
+        let rolled = frame.aligned_from_left[(0, 1)].abs() > frame.aligned_from_left[(0, 0)].abs();
+        let natural = if rolled { (left.height, left.width) } else { (left.width, left.height) };
+        let (width, height) = options.size.unwrap_or(natural);
+        check_sides("rectified image", width, height)?;
+
+        let cameras = Turned::pair(&frame, [left, right], options.projection);
+        let center = shared_center(&cameras)?;
+        let focal_px = match options.scale {
+            Scale::Natural if rolled => 0.5 * (left.focal_px[0] + right.focal_px[0]),
+            Scale::Natural => AlignedFrame::common_focal_px(left, right),
+            Scale::Focal(focal_px) => focal_px,
+            Scale::FieldOfView(fov_rad) => {
+                let largest = match options.projection {
+                    Projection::Pinhole => 179.0,
+                    Projection::Cylindrical => 180.0,
+                };
+                let degrees = fov_rad.to_degrees();
+                if !(0.1..=largest).contains(&degrees) {
+                    let expected = format!("must lie between 0.1 and {largest} degrees on this projection");
+                    return Err(Error::invalid("fov_deg", format!("{degrees} degrees"), expected));
+                }
+                0.5 * width as f64 / options.projection.half_width(fov_rad)
+            }
+            Scale::Alpha(alpha) if (0.0..=1.0).contains(&alpha) => {
+                focal_for_alpha(&cameras, center, [width, height], alpha)?
+            }
+            Scale::Alpha(alpha) => {
+                return Err(Error::invalid("alpha", alpha, "must lie between 0 and 1"));
+            }
+        };
+        let [cx_px, cy_px] = principal_point([width, height], focal_px, center);
         let mut geometry =
             RectifiedGeometry::new(width, height, focal_px, cx_px, cy_px, 0.0, frame.baseline_m)?;
+        geometry.projection = options.projection;
         geometry.aligned_from_left = frame.aligned_from_left;
         geometry.calibration_variance = calibration.depth_variance();
 
-        let left = camera_map("left camera", left, &frame.aligned_from_left, &geometry)?;
-        let right = camera_map("right camera", right, &frame.aligned_from_right, &geometry)?;
-        Ok(Self { geometry, left, right })
+        let [left, right] = cameras.map(|camera| camera_map(&camera, &geometry));
+        Ok(Self { geometry, left: left?, right: right? })
     }
 
     /// Geometry of the aligned images.
@@ -108,26 +149,13 @@ impl Rectifier {
     }
 }
 
-fn camera_map(
-    name: &'static str,
-    camera: &CameraModel,
-    aligned_from_camera: &Matrix3<f64>,
-    geometry: &RectifiedGeometry,
-) -> Result<Remap> {
-    let camera_from_aligned = aligned_from_camera.transpose();
-    let view = camera.view();
+fn camera_map(camera: &Turned<'_>, geometry: &RectifiedGeometry) -> Result<Remap> {
     let size = (geometry.width, geometry.height);
-    let map = Remap::from_fn(size, (camera.width, camera.height), |x, y| {
-        let ray = camera_from_aligned
-            * Vector3::new(
-                (x as f64 - geometry.cx_px) / geometry.focal_px,
-                (y as f64 - geometry.cy_px) / geometry.focal_px,
-                1.0,
-            );
-        view.project(&ray).map(Into::into)
+    let map = Remap::from_fn(size, (camera.camera.width, camera.camera.height), |x, y| {
+        camera.source(flat_of(geometry, x, y)).map(Into::into)
     })?;
     if map.valid().rows().flatten().all(|&valid| valid == 0) {
-        let reason = format!("no pixel of the aligned view has a source in the {name}'s image");
+        let reason = format!("no pixel of the aligned view has a source in the {}'s image", camera.name);
         return Err(Error::degenerate("rectification", reason));
     }
     Ok(map)

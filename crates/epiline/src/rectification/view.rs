@@ -1,40 +1,121 @@
 //! Which part of the aligned frame both aligned images show.
 
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::camera::{AlignedFrame, CameraModel};
+use super::geometry::RectifiedGeometry;
+use super::projection::Projection;
+use crate::camera::{AlignedFrame, CameraModel, CameraView};
 use crate::error::{Error, Result};
 
-/// What a camera sees along its middle row and its middle column, in normalised coordinates of the aligned frame.
+/// A camera as the aligned frame sees it.
+pub(super) struct Turned<'a> {
+    pub name: &'static str,
+    pub camera: &'a CameraModel,
+    pub view: CameraView,
+    pub aligned_from_camera: Matrix3<f64>,
+    pub projection: Projection,
+}
+
+impl<'a> Turned<'a> {
+    /// Left and right.
+    pub fn pair(frame: &AlignedFrame, cameras: [&'a CameraModel; 2], projection: Projection) -> [Self; 2] {
+        let turned = |name, camera: &'a CameraModel, aligned_from_camera| Self {
+            name,
+            camera,
+            view: camera.view(),
+            aligned_from_camera,
+            projection,
+        };
+        [
+            turned("left camera", cameras[0], frame.aligned_from_left),
+            turned("right camera", cameras[1], frame.aligned_from_right),
+        ]
+    }
+
+    /// The pixel that shows a position of the aligned surface; `None` if none does, inside the picture or not.
+    pub fn source(&self, flat: Vector2<f64>) -> Option<Vector2<f64>> {
+        self.view.project(&self.aligned_from_camera.tr_mul(&self.projection.ray(flat)?))
+    }
+
+    /// Where a pixel lies on the aligned surface.
+    fn flat(&self, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
+        let ray: Vector3<f64> = self.aligned_from_camera * self.view.direction(pixel)?;
+        self.projection.flat(&ray)
+    }
+
+    fn last(&self) -> Vector2<f64> {
+        Vector2::new(self.camera.width as f64 - 1.0, self.camera.height as f64 - 1.0)
+    }
+
+    /// What the camera sees from the middle of one edge of its picture to the middle of the opposite one.
+    fn footprint(&self) -> Result<Footprint> {
+        let center = self.last() / 2.0;
+        let half = Vector2::new(self.camera.width as f64 / 2.0, self.camera.height as f64 / 2.0);
+        let (across, along) = (Vector2::new(half.x, 0.0), Vector2::new(0.0, half.y));
+        let mut edges = [Vector2::zeros(); 4];
+        for (edge, half) in edges.iter_mut().zip([-across, across, -along, along]) {
+            *edge = self.farthest(center, half)?;
+        }
+        // All four, because a rolled camera's rows may run along the aligned columns.
+        let span = |axis: usize| {
+            edges.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], edge| {
+                [low.min(edge[axis]), high.max(edge[axis])]
+            })
+        };
+        Ok(Footprint { x: span(0), y: span(1) })
+    }
+
+    /// Where the pixel `center + half` lies, or the farthest one on the way there that lies anywhere: a strong
+    /// distortion polynomial may fold before the image's edge.
+    fn farthest(&self, center: Vector2<f64>, half: Vector2<f64>) -> Result<Vector2<f64>> {
+        const STEPS: u32 = 32;
+        let step = |step: u32| self.flat(center + half * (f64::from(step) / f64::from(STEPS)));
+        (0..=STEPS).rev().find_map(step).ok_or_else(|| {
+            let reason = format!("the {}'s lens model has no direction for its image centre", self.name);
+            Error::degenerate("rectification", reason)
+        })
+    }
+
+    /// Whether a position of the aligned surface shows a pixel of the picture.
+    fn shows(&self, flat: Vector2<f64>) -> bool {
+        let last = self.last();
+        self.source(flat).is_some_and(|p| (0.0..=last.x).contains(&p.x) && (0.0..=last.y).contains(&p.y))
+    }
+}
+
+/// What a camera sees along its middle row and its middle column, on the aligned surface.
 struct Footprint {
     x: [f64; 2],
     y: [f64; 2],
 }
 
-/// Principal point (x, y), in pixels, that centres aligned images of the given size on what both cameras see at
-/// infinity, measured along each image's middle row and middle column.
+/// The middle of what both cameras see at infinity, measured along each image's middle row and middle column.
 ///
 /// The images' corners take no part: under lens distortion or a wide angle they run off far to the side, and to
 /// include them the view would have to shrink or shift away from what the images resolve.
-pub(super) fn shared_principal_point(
-    frame: &AlignedFrame,
-    cameras: [&CameraModel; 2],
-    [width, height]: [usize; 2],
-    focal_px: f64,
-) -> Result<[f64; 2]> {
-    let left = footprint("left camera", cameras[0], &frame.aligned_from_left)?;
-    let right = footprint("right camera", cameras[1], &frame.aligned_from_right)?;
-    let cx = center_of_overlap("sideways", left.x, right.x)?;
-    let cy = center_of_overlap("up and down", left.y, right.y)?;
-    Ok([(width as f64 - 1.0) / 2.0 - focal_px * cx, (height as f64 - 1.0) / 2.0 - focal_px * cy])
+pub(super) fn shared_center(cameras: &[Turned<'_>; 2]) -> Result<Vector2<f64>> {
+    let (left, right) = (cameras[0].footprint()?, cameras[1].footprint()?);
+    let projection = cameras[0].projection;
+    Ok(Vector2::new(
+        center_of_overlap("sideways", projection, left.x, right.x)?,
+        center_of_overlap("up and down", projection, left.y, right.y)?,
+    ))
 }
 
-fn center_of_overlap(direction: &'static str, a: [f64; 2], b: [f64; 2]) -> Result<f64> {
+fn center_of_overlap(
+    direction: &'static str,
+    projection: Projection,
+    a: [f64; 2],
+    b: [f64; 2],
+) -> Result<f64> {
     let (low, high) = (a[0].max(b[0]), a[1].min(b[1]));
     if low < high {
         return Ok(0.5 * (low + high));
     }
-    let degrees = |v: f64| v.atan().to_degrees();
+    let degrees = |v: f64| match projection {
+        Projection::Pinhole => v.atan().to_degrees(),
+        Projection::Cylindrical => v.to_degrees(),
+    };
     Err(Error::degenerate(
         "rectification",
         format!(
@@ -47,42 +128,63 @@ fn center_of_overlap(direction: &'static str, a: [f64; 2], b: [f64; 2]) -> Resul
     ))
 }
 
-fn footprint(
-    name: &'static str,
-    camera: &CameraModel,
-    aligned_from_camera: &Matrix3<f64>,
-) -> Result<Footprint> {
-    let center = Vector2::new((camera.width as f64 - 1.0) / 2.0, (camera.height as f64 - 1.0) / 2.0);
-    let half_width = Vector2::new(camera.width as f64 / 2.0, 0.0);
-    let half_height = Vector2::new(0.0, camera.height as f64 / 2.0);
-    let reach = |half: Vector2<f64>| farthest_direction(name, camera, aligned_from_camera, center, half);
-    Ok(Footprint {
-        x: [reach(-half_width)?.x, reach(half_width)?.x],
-        y: [reach(-half_height)?.y, reach(half_height)?.y],
+/// Positions tried along each edge of a picture.
+const EDGE_STEPS: usize = 64;
+
+/// Points all along the edges of a picture, pixels.
+fn border([width, height]: [usize; 2]) -> impl Iterator<Item = Vector2<f64>> {
+    let last = Vector2::new(width as f64 - 1.0, height as f64 - 1.0);
+    (0..=EDGE_STEPS).flat_map(move |i| {
+        let at = last * (i as f64 / EDGE_STEPS as f64);
+        [
+            Vector2::new(at.x, 0.0),
+            Vector2::new(at.x, last.y),
+            Vector2::new(0.0, at.y),
+            Vector2::new(last.x, at.y),
+        ]
     })
 }
 
-/// The aligned direction of the pixel `center + half`, or of the farthest one on the way there that has a direction
-/// in front of the aligned view: a strong distortion polynomial may fold before the image's edge.
-fn farthest_direction(
-    name: &'static str,
-    camera: &CameraModel,
-    aligned_from_camera: &Matrix3<f64>,
+/// The focal length, pixels, between those at which the view shows only valid pixels (`alpha` 0) and all pixels of
+/// both pictures (`alpha` 1), about a centre.
+pub(super) fn focal_for_alpha(
+    cameras: &[Turned<'_>; 2],
     center: Vector2<f64>,
-    half: Vector2<f64>,
-) -> Result<Vector2<f64>> {
-    const STEPS: u32 = 32;
-    (0..=STEPS)
-        .rev()
-        .find_map(|step| {
-            let pixel = center + half * (f64::from(step) / f64::from(STEPS));
-            let ray = aligned_from_camera * camera.normalised_from_pixel(pixel)?.push(1.0);
-            (ray.z > 0.0).then(|| ray.xy() / ray.z)
-        })
-        .ok_or_else(|| {
-            Error::degenerate(
-                "rectification",
-                format!("the {name}'s lens model has no direction for its image centre"),
-            )
-        })
+    size: [usize; 2],
+    alpha: f64,
+) -> Result<f64> {
+    let half = Vector2::new(size[0] as f64 - 1.0, size[1] as f64 - 1.0) / 2.0;
+    let only_valid = |focal: f64| {
+        border(size).all(|p| cameras.iter().all(|camera| camera.shows((p - half) / focal + center)))
+    };
+    // A view ever narrower has a source everywhere, unless the middle itself has none.
+    let (mut wide, mut narrow) = (1.0, 1e6);
+    if !only_valid(narrow) {
+        let reason = "the middle of the common view has no source in one of the cameras";
+        return Err(Error::degenerate("rectification", reason));
+    }
+    for _ in 0..60 {
+        let middle = f64::sqrt(wide * narrow);
+        if only_valid(middle) { narrow = middle } else { wide = middle }
+    }
+    let mut all = f64::INFINITY;
+    for camera in cameras {
+        for pixel in border([camera.camera.width, camera.camera.height]) {
+            // What a plane cannot show at all limits nothing.
+            let Some(flat) = camera.flat(pixel) else { continue };
+            let offset = flat - center;
+            all = all.min(half.x / offset.x.abs()).min(half.y / offset.y.abs());
+        }
+    }
+    Ok(narrow + alpha * (all.min(narrow) - narrow))
+}
+
+/// Principal point (x, y), in pixels, that puts a position of the aligned surface in the middle of the view.
+pub(super) fn principal_point([width, height]: [usize; 2], focal_px: f64, center: Vector2<f64>) -> [f64; 2] {
+    [(width as f64 - 1.0) / 2.0 - focal_px * center.x, (height as f64 - 1.0) / 2.0 - focal_px * center.y]
+}
+
+/// The position on the aligned surface, in units of the focal length, of a pixel of the aligned images.
+pub(super) fn flat_of(geometry: &RectifiedGeometry, x: usize, y: usize) -> Vector2<f64> {
+    Vector2::new(x as f64 - geometry.cx_px, y as f64 - geometry.cy_px) / geometry.focal_px
 }

@@ -276,6 +276,7 @@ pub fn profile(
     geometry: Option<&RectifiedGeometry>,
     params: &ProfileParams,
 ) -> Result<Vec<RegionProfile>> {
+    geometry.map_or(Ok(()), |geometry| geometry.require_pinhole("profile"))?;
     let mut profiler = Profiler::default();
     regions
         .iter()

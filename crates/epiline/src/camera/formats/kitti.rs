@@ -21,10 +21,14 @@ pub(super) enum Cameras {
     Colour,
 }
 
-/// Whether a text is one of the three files.
+/// Whether a text is one of the three files: such a name, and a number behind it.
 pub(super) fn recognises(text: &str) -> bool {
     let names = ["P0", "P2", "P_rect_00", "P_rect_02", "P1_roi"];
-    text.lines().filter_map(|line| line.split_once(':')).any(|(key, _)| names.contains(&key.trim()))
+    let numeric =
+        |value: &str| value.split_whitespace().next().is_some_and(|word| word.parse::<f64>().is_ok());
+    text.lines()
+        .filter_map(|line| line.split_once(':'))
+        .any(|(key, value)| names.contains(&key.trim()) && numeric(value))
 }
 
 /// The rig of the file.

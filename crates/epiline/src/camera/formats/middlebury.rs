@@ -14,7 +14,7 @@ const MAX_SIDE_PX: f64 = 16_384.0;
 
 /// Whether a text is such a file.
 pub(super) fn recognises(text: &str) -> bool {
-    text.lines().any(|line| line.trim_start().starts_with("cam0"))
+    text.lines().filter_map(|line| line.split_once('=')).any(|(key, _)| key.trim() == "cam0")
 }
 
 /// The rig of the file.

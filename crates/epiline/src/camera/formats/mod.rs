@@ -194,10 +194,12 @@ impl StereoCalibration {
             Some(format) => format,
             None => {
                 let format = sources[0].format.ok_or_else(|| {
+                    let content = sources[0].document.as_ref().unwrap_or(&Node::Null);
+                    let known = Format::NAMES.join(", ");
                     file_error(
                         first,
                         "document",
-                        format!("is no rig file of a known format ({})", Format::NAMES.join(", ")),
+                        format!("is {content}: no rig file of a known format ({known})"),
                     )
                 })?;
                 format.require_files(paths)?;
