@@ -82,7 +82,7 @@ def test_images_and_masks_are_equation_4_at_opencv_positions(degrees: tuple[floa
 @pytest.mark.parametrize("degrees", [(0.0, 0.0, 0.0), (1.0, 1.5, -2.0)])
 def test_alpha_lies_where_opencvs_does(degrees: tuple[float, float, float]) -> None:
     rotation, _ = cv2.Rodrigues(np.radians(degrees))
-    translation = rotation @ [-0.12, 0.004, -0.003]
+    translation = (rotation @ [-0.12, 0.004, -0.003]).reshape(3, 1)
     for alpha in (0.0, 1.0):
         ours = ep.Rectifier(rig(degrees), alpha=alpha).geometry.focal_px
         *_, P1, _, _, _, _ = cv2.stereoRectify(

@@ -256,7 +256,7 @@ def test_ros_means_what_stereo_rectify_means(tmp_path: Path) -> None:
     truth = rig()
     R1, R2, _, P2, *_ = cv2.stereoRectify(
         truth.left.camera_matrix, truth.left.distortion, truth.right.camera_matrix, truth.right.distortion,
-        (640, 480), truth.rotation, truth.translation_m,
+        (640, 480), truth.rotation, truth.translation_m.reshape(3, 1),
     )  # fmt: skip
     paths = (tmp_path / "left.yaml", tmp_path / "right.yaml")
     for path, turn, shift in [(paths[0], R1, 0.0), (paths[1], R2, 500 * P2[0, 3] / P2[0, 0])]:
@@ -394,11 +394,11 @@ HOSTILE = [
     (
         "huge matrix",
         "rig.yml",
-        "M1: !!opencv-matrix\n   rows: 3\n   cols: 99999999\n   dt: d\n   data: [ 1. ]\n",
-        "M1.cols",
+        "R: !!opencv-matrix\n   rows: 3\n   cols: 99999999\n   dt: d\n   data: [ 1. ]\n",
+        "R.cols",
     ),
-    ("no numbers", "rig.yml", "M1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ a, b ]\n", "M1.data"),
-    ("NaN", "rig.yml", "M1: !!opencv-matrix\n   rows: 1\n   cols: 1\n   dt: d\n   data: [ .Nan ]\n", "M1.data[0]"),
+    ("no numbers", "rig.yml", "R: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ a, b ]\n", "R.data"),
+    ("NaN", "rig.yml", "R: !!opencv-matrix\n   rows: 1\n   cols: 1\n   dt: d\n   data: [ .Nan ]\n", "R.data[0]"),
 ]
 
 

@@ -128,21 +128,13 @@ fn center_of_overlap(
     ))
 }
 
-/// Positions tried along each edge of a picture.
-const EDGE_STEPS: usize = 64;
-
-/// Points all along the edges of a picture, pixels.
+/// The pixels all along the edges of a picture.
 fn border([width, height]: [usize; 2]) -> impl Iterator<Item = Vector2<f64>> {
     let last = Vector2::new(width as f64 - 1.0, height as f64 - 1.0);
-    (0..=EDGE_STEPS).flat_map(move |i| {
-        let at = last * (i as f64 / EDGE_STEPS as f64);
-        [
-            Vector2::new(at.x, 0.0),
-            Vector2::new(at.x, last.y),
-            Vector2::new(0.0, at.y),
-            Vector2::new(last.x, at.y),
-        ]
-    })
+    let rows = (0..width).flat_map(move |x| [Vector2::new(x as f64, 0.0), Vector2::new(x as f64, last.y)]);
+    let columns =
+        (0..height).flat_map(move |y| [Vector2::new(0.0, y as f64), Vector2::new(last.x, y as f64)]);
+    rows.chain(columns)
 }
 
 /// The focal length, pixels, between those at which the view shows only valid pixels (`alpha` 0) and all pixels of
