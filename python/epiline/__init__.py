@@ -45,7 +45,7 @@ from epiline._core import (
     xsobel,
 )
 from epiline._operations import calibrate, match
-from epiline.targets.boards import Chessboard
+from epiline.targets.boards import Charuco, Chessboard
 
 if TYPE_CHECKING:
     from epiline import tsai
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 __all__ = [
     "AlignmentError",
     "CameraModel",
+    "Charuco",
     "Chessboard",
     "DisparityMap",
     "Error",

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
-from epiline._core import DisparityMap, StereoCalibration, StereoMatcher, calibrate_points
+from epiline._core import DisparityMap, Error, StereoCalibration, StereoMatcher, calibrate_points
 
 if TYPE_CHECKING:
     from epiline._typing import Image
     from epiline.targets import Observations
+
+# A fit this poor is looked at for a mistake in how the photographs were handled.
+_SUSPICIOUS_RMS_PX = 2.0
 
 
 def calibrate(
@@ -43,18 +46,37 @@ def calibrate(
     ValueError
         Fewer views or corners than the method needs.
     epiline.Error
-        The views do not determine the cameras, with the reason.
+        The views do not determine the cameras, with the reason: swapped, mirrored or upside-down photographs are
+        recognised by the rig that comes out with the mistake undone.
+
+    Notes
+    -----
+    Corners that only one camera saw (``observations.single_views``) do not take part yet.
     """
-    return calibrate_points(
-        observations.left_px,
-        observations.right_px,
-        observations.board_m,
-        observations.image_size,
-        method=method,
-        model=model,
-        loss=loss,
-        held_out=held_out,
-    )
+    try:
+        calibration = calibrate_points(
+            observations.left_px,
+            observations.right_px,
+            observations.board_m,
+            observations.image_size,
+            method=method,
+            model=model,
+            loss=loss,
+            held_out=held_out,
+        )
+    except Error as error:
+        if cause := _mistake(observations, float("inf")):
+            raise Error(cause) from error
+        raise
+    if calibration.rms_px > _SUSPICIOUS_RMS_PX and (cause := _mistake(observations, calibration.rms_px)):
+        raise Error(cause)
+    return calibration
+
+
+def _mistake(observations: Observations, rms_px: float) -> str:
+    from epiline.targets.mistakes import explain
+
+    return explain(observations, rms_px)
 
 
 def match(left: Image, right: Image, **parameters: Any) -> DisparityMap:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epiline.targets.boards import Chessboard
-from epiline.targets.grid import irregularity, smallest_spacing
+from epiline.targets.failure import NotFoundError
+from epiline.targets.grid import MAX_IRREGULARITY, irregularity, smallest_spacing
 from epiline.targets.observations import Points
 
 # Half the refinement window as a share of the smallest corner spacing. A larger window reaches into the next corner
@@ -23,15 +24,9 @@ _MIN_SPACING_PX = 3.0
 # Boards in larger photographs are looked for in a copy of this many pixels a side: the detector's thresholds are
 # local, and the time it spends on a texture that is no board grows faster than the area (opencv#23558).
 _SEARCH_SIDE_PX = 1600
-# Irregularity of 253 good grids of four rigs: at most 0.062. Of the mis-found ones: 0.22 and more.
-_MAX_IRREGULARITY = 0.12
 # OpenCV leaves a corner where it was when refinement strays out of the window. So much of the spacing is more than
 # any window, so it means that the corner settled on a neighbour.
 _MAX_REFINEMENT_SHARE = 0.5
-
-
-class NotFoundError(Exception):
-    """There is no usable board in a photograph; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +38,7 @@ class Sighting:
     corners_px : (N, 2) float64
         Row by row, in an order the detector chose.
     remark : str
-        What went wrong on the way, if anything did.
+        What went wrong on the way, if anything did: the first grid found was not regular.
     """
 
     corners_px: Points
@@ -123,6 +118,6 @@ def _refine(image: NDArray[np.uint8], rough: Points, board: Chessboard, half_win
     if moved > _MAX_REFINEMENT_SHARE * spacing:
         return corners, f"refinement moved a corner by {moved:.1f} px, {moved / spacing:.2f} of the spacing"
     off = irregularity(corners, board)
-    if off > _MAX_IRREGULARITY:
+    if off > MAX_IRREGULARITY:
         return corners, f"the grid is not regular: a corner is off by {off:.2f} of the spacing"
     return corners, ""

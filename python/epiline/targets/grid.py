@@ -5,18 +5,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from epiline.targets.boards import Chessboard
+from epiline.targets.boards import Board, Chessboard
 from epiline.targets.observations import Points
 
 # A lens bends a plane's picture smoothly: beyond a homography, polynomials of this degree follow it.
 _LENS_DEGREE = 3
+# Irregularity of 253 good grids of four rigs: at most 0.062. Of the mis-found ones: 0.22 and more.
+MAX_IRREGULARITY = 0.12
 
 
 def smallest_spacing(corners: Points, board: Chessboard) -> float:
-    """Smallest distance between neighbouring corners, px."""
+    """Smallest distance between neighbouring corners of a whole board, px."""
     grid = corners.reshape(board.rows, board.columns, 2)
     along, down = np.diff(grid, axis=1), np.diff(grid, axis=0)
     return float(min(np.linalg.norm(along, axis=-1).min(), np.linalg.norm(down, axis=-1).min()))
+
+
+def on_grid(px: Points, ids: NDArray[np.int64], board: Board) -> Points:
+    """(rows, columns, 2) corners where they are on the board, NaN where there is none."""
+    columns, rows = board.corner_grid
+    grid = np.full((rows * columns, 2), np.nan)
+    grid[ids] = px
+    return grid.reshape(rows, columns, 2)
 
 
 def irregularity(corners: Points, board: Chessboard) -> float:
@@ -50,7 +60,8 @@ def readings(image: NDArray[np.uint8], corners: Points, board: Chessboard) -> li
 
     A board turned by half, or a square one by a quarter, has its corners in the same places. If it has its colours
     in the same places too, the picture does not tell which way up it is, and there is more than one reading;
-    otherwise the one whose first square between four corners is dark is the board's.
+    otherwise the one whose first square between four corners is dark is the board's. All of them are right-handed,
+    as a board is that faces the camera.
 
     Parameters
     ----------
@@ -65,6 +76,8 @@ def readings(image: NDArray[np.uint8], corners: Points, board: Chessboard) -> li
         One, two or four.
     """
     grid = corners.reshape(board.rows, board.columns, 2)
+    if not _is_right_handed(grid):
+        grid = grid[::-1]
     quarters = range(4) if board.rows == board.columns else (0, 2)
     turned = [np.rot90(grid, quarter) for quarter in quarters]
     fitting = [reading for reading in turned if _first_square_is_dark(image, reading)]
@@ -79,6 +92,12 @@ def closest_reading(left: Points, right_readings: list[Points]) -> Points:
     """
     centred = left - left.mean(axis=0)
     return min(right_readings, key=lambda right: float(np.square(right - right.mean(axis=0) - centred).sum()))
+
+
+def _is_right_handed(grid: Points) -> bool:
+    along, down = grid[:, -1] - grid[:, 0], grid[-1] - grid[0]
+    (ax, ay), (dx, dy) = along.mean(axis=0), down.mean(axis=0)
+    return bool(ax * dy - ay * dx > 0)
 
 
 def _first_square_is_dark(image: NDArray[np.uint8], grid: Points) -> bool:
