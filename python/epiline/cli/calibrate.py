@@ -11,7 +11,8 @@ from epiline._core import StereoCalibration
 from epiline._operations import calibrate
 from epiline.cli.arguments import whole
 from epiline.cli.console import note, print_json, print_table, progress, say
-from epiline.targets.boards import Chessboard, parse_board, parse_length
+from epiline.targets.boards import Board, Charuco, Chessboard, parse_board, parse_length
+from epiline.targets.observations import SIDES
 from epiline.verdict import Verdict, judge
 
 if TYPE_CHECKING:
@@ -26,8 +27,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--left", nargs="+", metavar="IMAGE", help="left photographs, instead of IMAGES")
     parser.add_argument("--right", nargs="+", metavar="IMAGE", help="right photographs, instead of IMAGES")
-    parser.add_argument("--board", required=True, metavar="9x6", help="inner corners, columns x rows")
+    parser.add_argument(
+        "--board", required=True, metavar="9x6", help="columns x rows: inner corners, or squares of a ChArUco board"
+    )
     parser.add_argument("--square", required=True, metavar="25mm", help="side of a square: 25mm, 2.5cm, 0.025m")
+    parser.add_argument("--marker", metavar="18mm", help="side of a marker: the board is a ChArUco board")
+    parser.add_argument(
+        "--dictionary",
+        metavar="NAME",
+        default="DICT_4X4_50",
+        help="of its markers, OpenCV's name (default %(default)s)",
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="RIG", help="write the rig (YAML)")
     parser.add_argument("--method", choices=("bundle", "tsai"), default="bundle", help="default %(default)s")
     parser.add_argument(
@@ -44,19 +54,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="corner refinement window, half its side (default: follows the board)",
     )
     parser.add_argument(
-        "--threads", type=whole(1), metavar="N", help="threads that look for boards (default: all cores)"
+        "--jobs",
+        "--threads",
+        dest="threads",
+        type=whole(1),
+        metavar="N",
+        help="photographs looked at at once (default: all cores)",
+    )
+    parser.add_argument(
+        "--cache", type=Path, metavar="FILE", help="keep found corners here, and look only at what is new or changed"
     )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a page with coverage, views and uncertainty")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(args: argparse.Namespace) -> None:
-    columns, rows = parse_board(args.board)
-    board = Chessboard(columns=columns, rows=rows, square_m=parse_length(args.square))
+    board = _board(args)
     left, right = _photographs(args)
-    observations = find(left, right, board, half_window=args.half_window, threads=args.threads)
+    observations = find(left, right, board, half_window=args.half_window, threads=args.threads, cache=args.cache)
     calibration = calibrate(observations, method=args.method, model=args.model, loss=args.loss)
-    verdict = judge(calibration)
+    verdict = judge(calibration, observations)
     if args.output:
         calibration.save(args.output)
     if args.report:
@@ -69,6 +86,15 @@ def run(args: argparse.Namespace) -> None:
     print_calibration(calibration, observations, verdict)
     for path in filter(None, (args.output, args.report)):
         say(f"wrote {path}")
+
+
+def _board(args: argparse.Namespace) -> Board:
+    columns, rows = parse_board(args.board)
+    square_m = parse_length(args.square)
+    if args.marker is None:
+        return Chessboard(columns=columns, rows=rows, square_m=square_m)
+    marker_m = parse_length(args.marker)
+    return Charuco(columns=columns, rows=rows, square_m=square_m, marker_m=marker_m, dictionary=args.dictionary)
 
 
 def _photographs(args: argparse.Namespace) -> tuple[Sequence[Path], Sequence[Path]]:
@@ -91,25 +117,40 @@ def _photographs(args: argparse.Namespace) -> tuple[Sequence[Path], Sequence[Pat
 
 
 def find(
-    left: Sequence[Path], right: Sequence[Path], board: Chessboard, *, half_window: int | None, threads: int | None
+    left: Sequence[Path],
+    right: Sequence[Path],
+    board: Board,
+    *,
+    half_window: int | None,
+    threads: int | None,
+    cache: Path | None,
 ) -> Observations:
     """Finds the board in every pair, showing progress."""
     from epiline.targets import find_boards
 
     with progress("looking for boards", len(left)) as advance:
         return find_boards(
-            left, right, board, corner_half_window=half_window, threads=threads, progress=lambda *_: advance()
+            left,
+            right,
+            board,
+            corner_half_window=half_window,
+            threads=threads,
+            cache=cache,
+            progress=lambda *_: advance(),
         )
 
 
 def print_calibration(calibration: StereoCalibration, observations: Observations, verdict: Verdict) -> None:
     """The rig, its uncertainty, every rejected view with its reason, and the verdict."""
     for view in observations.rejected:
-        say(f"left out {view.name_left} / {view.name_right}: {view.reason}")
+        say(f"left out {view.name}: {view.reason}")
     for view in observations.accepted:
         if view.remark:
-            say(f"{view.name_left} / {view.name_right}: {view.remark}")
-    names = [view.name_left for view in observations.views if view.accepted]
+            say(f"{view.name}: {view.remark}")
+    for side in SIDES:
+        if singles := observations.single_views(side):
+            say(f"{len(singles)} views of the {side} camera alone do not take part yet")
+    names = [view.name_left for view in observations.accepted]
     rows = [(n, f"{v.left_rms_px:.3f}", f"{v.right_rms_px:.3f}") for n, v in zip(names, calibration.views, strict=True)]
     print_table(f"{len(rows)} of {len(observations.views)} pairs", ("pair", "left rms px", "right rms px"), rows)
     sigma = calibration.sigma
@@ -129,6 +170,8 @@ def print_calibration(calibration: StereoCalibration, observations: Observations
     depths = ", ".join(f"{1e3 * calibration.range_sigma(z):.1f} mm at {z:g} m" for z in _DEPTHS_M)
     say(f"range sigma from calibration alone: {depths}")
     say(f"verdict: {verdict}")
+    for wish in verdict.photograph_next:
+        say(f"photograph next: {wish}")
 
 
 def as_json(calibration: StereoCalibration, observations: Observations, verdict: Verdict) -> dict[str, object]:
@@ -160,5 +203,9 @@ def as_json(calibration: StereoCalibration, observations: Observations, verdict:
         "epipolar_error_px": calibration.epipolar_error_px,
         "sigma": calibration.sigma,
         "range_sigma_m": {f"{z:g}": calibration.range_sigma(z) for z in _DEPTHS_M},
-        "verdict": {"grade": verdict.grade, "reasons": list(verdict.reasons)},
+        "verdict": {
+            "grade": verdict.grade,
+            "reasons": list(verdict.reasons),
+            "photograph_next": list(verdict.photograph_next),
+        },
     }

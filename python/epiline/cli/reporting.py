@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from epiline._core import RangeCurve, StereoCalibration, __version__, simd_level
 from epiline.report import (
+    BoardPose,
+    CalibrationErrors,
     CalibrationSection,
     FrameRecorder,
     Provenance,
@@ -21,12 +23,14 @@ from epiline.report import (
     RejectedView,
     RunReport,
     TruthRow,
+    UncertaintyMap,
     write_report,
 )
 
 if TYPE_CHECKING:
     from epiline.targets import Observations
     from epiline.verdict import Verdict
+    from epiline.verdict.residuals import ViewErrors
 
 
 def provenance() -> Provenance:
@@ -47,17 +51,57 @@ def calibration_section(
     truth: tuple[TruthRow, ...] = (),
 ) -> CalibrationSection:
     """The calibration with its views, coverage and verdict."""
+    from epiline.verdict.residuals import view_errors
+
     board = observations.board
+    errors = view_errors(calibration, observations)
     return CalibrationSection(
         calibration=calibration,
-        board=f"{board.columns}x{board.rows} inner corners, {1e3 * board.square_m:g} mm",
+        board=board.description,
         view_names=[str(view.name_left) for view in observations.views if view.accepted],
         left_px=observations.left_px,
         right_px=observations.right_px,
-        rejected=[RejectedView(name=f"{v.name_left} / {v.name_right}", reason=v.reason) for v in observations.rejected],
+        rejected=[RejectedView(name=v.name, reason=v.reason) for v in observations.rejected],
         truth=truth,
         verdict=verdict,
+        errors=_all_errors(errors) if errors else None,
+        poses=_poses(calibration, observations),
+        uncertainty=_uncertainty(calibration),
     )
+
+
+def _all_errors(views: list[ViewErrors]) -> CalibrationErrors:
+    return CalibrationErrors(
+        left_off_px=np.concatenate([view.left_off_px for view in views]),
+        right_off_px=np.concatenate([view.right_off_px for view in views]),
+        vertical_px=np.concatenate([view.vertical_px for view in views]),
+        raw_vertical_px=np.concatenate([view.raw_vertical_px for view in views]),
+        row_px=np.concatenate([view.left_px[:, 1] for view in views]),
+    )
+
+
+def _poses(calibration: StereoCalibration, observations: Observations) -> list[BoardPose]:
+    """The outline of the board's corners in each view."""
+    low, high = observations.board.points_m.min(axis=0), observations.board.points_m.max(axis=0)
+    outline_m = np.array([(low[0], low[1], 0), (high[0], low[1], 0), (high[0], high[1], 0), (low[0], high[1], 0)])
+    names = [view.name_left for view in observations.accepted]
+    return [
+        BoardPose(name=name, outline_m=outline_m @ view.rotation.T + view.translation_m)
+        for name, view in zip(names, calibration.views, strict=False)
+    ]
+
+
+def _uncertainty(calibration: StereoCalibration) -> list[UncertaintyMap]:
+    """At the boards' usual distance and ten times it."""
+    from epiline.verdict import vertical_sigma_px
+
+    if not calibration.views:
+        return []
+    distance_m = float(np.median([np.linalg.norm(view.translation_m) for view in calibration.views]))
+    return [
+        UncertaintyMap(depth_m=depth_m, sigma_px=vertical_sigma_px(calibration, depth_m))
+        for depth_m in (distance_m, 10 * distance_m)
+    ]
 
 
 def write_calibration_report(

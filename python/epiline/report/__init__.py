@@ -4,6 +4,8 @@ Build a `RunReport` from results (a `FrameRecorder` thins a long run), then `wri
 """
 
 from epiline.report.model import (
+    BoardPose,
+    CalibrationErrors,
     CalibrationSection,
     FrameSection,
     FrameSummary,
@@ -15,11 +17,14 @@ from epiline.report.model import (
     RunReport,
     Thumbnail,
     TruthRow,
+    UncertaintyMap,
 )
 from epiline.report.recorder import FrameRecorder
 from epiline.report.render import render_html, write_report
 
 __all__ = [
+    "BoardPose",
+    "CalibrationErrors",
     "CalibrationSection",
     "FrameRecorder",
     "FrameSection",
@@ -32,6 +37,7 @@ __all__ = [
     "RunReport",
     "Thumbnail",
     "TruthRow",
+    "UncertaintyMap",
     "render_html",
     "write_report",
 ]

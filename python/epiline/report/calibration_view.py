@@ -7,11 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
+from epiline.report.calibration_figures import (
+    before_after_chart,
+    pose_figure,
+    residual_figure,
+    uncertainty_figure,
+    vertical_chart,
+)
 from epiline.report.charts import column_chart
 from epiline.report.figures import coverage_figure
 from epiline.report.model import CalibrationSection, RejectedView
 from epiline.report.numbers import percent, plus_minus, quantity, relative_error, signed_percent, significant
-from epiline.report.protocols import CalibrationLike, CameraLike, VerdictLike
+from epiline.report.protocols import CalibrationLike, CameraLike, Floats, VerdictLike
 
 RANGES_M = (1.0, 2.0, 4.0, 8.0)
 
@@ -35,6 +42,11 @@ class CalibrationView:
     range_sigma: Sequence[tuple[str, str, str]]
     residuals: Markup | None
     coverage: Sequence[tuple[str, Markup]]
+    arrows: Sequence[tuple[str, Markup]]
+    epipolar: Sequence[tuple[str, Markup]]
+    uncertainty: Sequence[tuple[str, Markup]]
+    poses: Markup | None
+    photograph_next: Sequence[str]
     rejected: Sequence[RejectedView]
     truth: Sequence[TruthView]
 
@@ -48,6 +60,11 @@ def calibration_view(section: CalibrationSection) -> CalibrationView:
         range_sigma=_range_sigma(calibration),
         residuals=_residuals(section),
         coverage=_coverage(section),
+        arrows=_arrows(section),
+        epipolar=_epipolar(section),
+        uncertainty=_uncertainty(section),
+        poses=_poses(section),
+        photograph_next=tuple(getattr(section.verdict, "photograph_next", ())),
         rejected=section.rejected,
         truth=[
             TruthView(
@@ -148,3 +165,57 @@ def _coverage(section: CalibrationSection) -> list[tuple[str, Markup]]:
         for side, points in sides
         if len(points) > 0
     ]
+
+
+def _arrows(section: CalibrationSection) -> list[tuple[str, Markup]]:
+    """Residual vectors of both cameras."""
+    errors = section.errors
+    if errors is None:
+        return []
+    size = section.calibration.image_size
+    sides = (("left", section.left_px, errors.left_off_px), ("right", section.right_px, errors.right_off_px))
+    return [
+        (
+            f"{side} camera: rms {quantity(_rms(off_px), 'px', 3)}",
+            residual_figure(np.concatenate(list(seen_px)), off_px, size, title=f"Residuals of the {side} camera"),
+        )
+        for side, seen_px, off_px in sides
+        if len(off_px)
+    ]
+
+
+def _epipolar(section: CalibrationSection) -> list[tuple[str, Markup]]:
+    """Vertical disparity before and after rectification."""
+    errors = section.errors
+    if errors is None or not len(errors.vertical_px):
+        return []
+    before, after = (float(np.abs(values).mean()) for values in (errors.raw_vertical_px, errors.vertical_px))
+    return [
+        (f"mean {quantity(before, 'px', 2)} before, {quantity(after, 'px', 3)} after", before_after_chart(errors)),
+        ("the corners of the fit; the held-out error above is of views it did not see", vertical_chart(errors)),
+    ]
+
+
+def _uncertainty(section: CalibrationSection) -> list[tuple[str, Markup]]:
+    size = section.calibration.image_size
+    return [
+        (
+            f"at {quantity(one.depth_m, 'm', 2)}",
+            uncertainty_figure(one.sigma_px, size, title=f"Uncertainty of the rows at {one.depth_m:.2f} m, px"),
+        )
+        for one in section.uncertainty
+        if np.isfinite(one.sigma_px).any()
+    ]
+
+
+def _poses(section: CalibrationSection) -> Markup | None:
+    if not section.poses:
+        return None
+    calibration = section.calibration
+    rotation, translation_m = (np.asarray(v, np.float64) for v in (calibration.rotation, calibration.translation_m))
+    right_centre_m = -rotation.T @ translation_m.ravel()
+    return pose_figure(section.poses, right_centre_m, title="Both cameras and the boards, from above")
+
+
+def _rms(off_px: Floats) -> float:
+    return float(np.sqrt(np.square(off_px).sum(axis=1).mean()))

@@ -52,6 +52,38 @@ class TruthRow:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CalibrationErrors:
+    """What is left of the corners of the views used; one entry per corner, all views together.
+
+    `left_off_px` and `right_off_px` are (N, 2), seen minus predicted, beside the section's corners in their order;
+    `vertical_px` and `raw_vertical_px` are (N,) vertical disparities after rectification and as photographed;
+    `row_px` (N,) is where in the left photograph.
+    """
+
+    left_off_px: Floats
+    right_off_px: Floats
+    vertical_px: Floats
+    raw_vertical_px: Floats
+    row_px: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardPose:
+    """Where a board was: the (4, 3) corners of its outline in the left camera's frame, metres."""
+
+    name: str
+    outline_m: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class UncertaintyMap:
+    """Standard deviation of the vertical disparity over the left picture, (rows, columns), px, for one depth."""
+
+    depth_m: float
+    sigma_px: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
 class CalibrationSection:
     """A calibration and what it was made from.
 
@@ -67,6 +99,9 @@ class CalibrationSection:
     rejected: Sequence[RejectedView] = ()
     truth: Sequence[TruthRow] = ()
     verdict: VerdictLike | None = None
+    errors: CalibrationErrors | None = None
+    poses: Sequence[BoardPose] = ()
+    uncertainty: Sequence[UncertaintyMap] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

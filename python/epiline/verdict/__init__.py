@@ -26,6 +26,8 @@ _GOOD_BASELINE_SHARE, _USABLE_BASELINE_SHARE = 0.005, 0.03
 _GOOD_VIEWS, _USABLE_VIEWS = 8, 3
 # A view far worse than the others holds a mis-found board.
 _OUTLYING_VIEW = 4.0
+# Corners are found to tenths of a pixel; what is off by so much on the average does not follow the lens model.
+_GOOD_RMS_PX, _USABLE_RMS_PX = 0.75, 2.0
 # A lens is known only where there were corners: below these shares of the picture its border is extrapolated.
 _GOOD_COVERAGE, _USABLE_COVERAGE = 0.4, 0.12
 # Mean magnitude of a Gaussian of unit variance.
@@ -143,6 +145,11 @@ def _judge_views(calibration: StereoCalibration, found: _Reasons) -> None:
         return
     text = f"{len(views)} views (good is at least {_GOOD_VIEWS})"
     found.grade(-len(views), -_GOOD_VIEWS, -_USABLE_VIEWS, text)
+    text = (
+        f"corners miss their predictions by {calibration.rms_px:.1f} px rms: the lens model does not follow these lenses "
+        "(very wide ones need another), or the board is not flat"
+    )
+    found.grade(calibration.rms_px, _GOOD_RMS_PX, _USABLE_RMS_PX, text)
     rms = [max(view.left_rms_px, view.right_rms_px) for view in views]
     typical = sorted(rms)[len(rms) // 2]
     outlying = [str(i + 1) for i, value in enumerate(rms) if value > _OUTLYING_VIEW * typical]
