@@ -211,7 +211,7 @@ def test_a_broken_off_run_goes_on_where_it_was(tmp_path: Path, monkeypatch: pyte
 
 def test_a_file_that_is_no_cache_is_left_alone(tmp_path: Path) -> None:
     file = tmp_path / "rig.yaml"
-    for content in (b"%YAML", b"{}", b'{"format": "another"}', b""):
+    for content in (b"%YAML", b"{}", b'{"format": "another", "looks": {}}', b""):
         file.write_bytes(content)
         with pytest.raises(OSError, match=r"rig\.yaml: is there and is no cache"):
             CornerCache(file, BOARD, None)
