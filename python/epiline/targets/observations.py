@@ -30,7 +30,7 @@ class Corners:
         Which rows of the board's ``points_m`` they are; ascending.
     edge_width_px : float
         Width of the edges between its squares, from a tenth to nine tenths of their step, median; NaN if unknown.
-        Sharp photographs have 2 to 4 px, blurred ones more.
+        Sharp photographs have 1.6 to 6 px, blurred ones more than others of their camera.
     remark : str
         What went wrong on the way, if anything did.
     found_again : bool

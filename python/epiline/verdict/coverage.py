@@ -88,7 +88,7 @@ def coverage_of(calibration: StereoCalibration, observations: Observations) -> C
 
 
 def occupied_cells(views_px: Sequence[Floats], size: tuple[int, int]) -> NDArray[np.bool_]:
-    """(9, 9) bool: cells of the picture with a corner in them or between corners of one row of cells."""
+    """(9, 9) bool: cells of the picture with a corner in them."""
     seen = np.zeros((_CELLS, _CELLS), np.bool_)
     for px in views_px:
         if len(px):
