@@ -315,6 +315,7 @@ class StereoMatcher:
         subpixel: bool = True,
         coarse_weight: int = 0,
         fill: bool = False,
+        smooth: bool = False,
         paths: int = 4,
         p1: int = 48,
         p2: int = 127,

@@ -211,6 +211,7 @@ fn set(params: &mut MatcherParams, name: &str, value: &Bound<'_, PyAny>) -> PyRe
         "subpixel" => params.subpixel = value.extract()?,
         "coarse_weight" => params.coarse_weight = count("coarse_weight", value)?,
         "fill" => params.fill = value.extract()?,
+        "smooth" => params.smooth = value.extract()?,
         "paths" => params.paths = count("paths", value)?,
         "p1" => params.p1 = count("p1", value)?,
         "p2" => params.p2 = count("p2", value)?,
@@ -306,7 +307,9 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 ///     with little texture of their own. Try 4.
 /// fill : bool
 ///     Answer everywhere: what has no value takes the smaller of its row's nearest values, marked as filled; then a 3x3
-///     median.
+///     median and, there and at steps of disparity, a median weighted by the likeness of grey values.
+/// smooth : bool
+///     Smooth surfaces, but not across steps of more than 2 px nor edges of the image. On in "balanced" and "accurate".
 /// paths : {3, 4}
 ///     sgm: from the left, the right and above; 4: from below too, which needs 2 x width x height x num_disparities bytes.
 /// p1 : int
@@ -318,7 +321,7 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 /// regions : sequence of Region or (x, y, width, height), optional
 ///     Match these boxes only, each with its own range where a Region has one. Inside them the answers are exactly those
 ///     of the whole image; outside there are none (border). A pixel in several boxes has the range of the first. With
-///     sad the cost follows the area; sgm, `coarse_weight` and `fill` need the whole image all the same. A Pipeline does not use them.
+///     sad the cost follows the area; sgm, `coarse_weight`, `fill` and `smooth` need the whole image all the same. A Pipeline does not use them.
 /// geometry : RectifiedGeometry, optional
 ///     For regions with a `range_m`.
 ///
@@ -363,6 +366,7 @@ pub fn parameters_dict<'py>(py: Python<'py>, params: &MatcherParams) -> PyResult
     dict.set_item("subpixel", params.subpixel)?;
     dict.set_item("coarse_weight", params.coarse_weight)?;
     dict.set_item("fill", params.fill)?;
+    dict.set_item("smooth", params.smooth)?;
     dict.set_item("paths", params.paths)?;
     dict.set_item("p1", params.p1)?;
     dict.set_item("p2", params.p2)?;
@@ -376,7 +380,8 @@ impl PyStereoMatcher {
     #[pyo3(signature = (**parameters), text_signature = "(*, preset=None, method='sad', num_disparities=64, \
         block_size=..., min_disparity=0, threads=None, prefilter='xsobel', prefilter_cap=..., uniqueness_ratio=0, \
         texture_threshold=0, left_right_max_diff=None, speckle_size=0, speckle_range=2, subpixel=True, \
-        coarse_weight=0, fill=False, paths=4, p1=48, p2=127, saturation_threshold=0, regions=None, geometry=None)")]
+        coarse_weight=0, fill=False, smooth=False, paths=4, p1=48, p2=127, saturation_threshold=0, regions=None, \
+        geometry=None)")]
     fn new(parameters: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let params = params_from(parameters)?;
         let given = |name: &str| -> PyResult<Option<Bound<'_, PyAny>>> {

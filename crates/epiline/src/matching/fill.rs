@@ -1,12 +1,14 @@
 //! An answer everywhere: what is missing is taken from the background, and single outliers are removed.
 
+use super::edges::EdgeSharpener;
 use super::map::{DisparityMap, Validity};
-use crate::image::Image;
+use crate::image::{Image, ImageRef};
 
 /// Fills maps; its buffers are kept from frame to frame.
 #[derive(Debug, Default)]
 pub(super) struct Filler {
     filled: Image<u16>,
+    sharpener: EdgeSharpener,
 }
 
 impl Filler {
@@ -15,8 +17,9 @@ impl Filler {
     /// first row that has one; a map without any value stays as it is. Filled pixels are [`Validity::FILLED`] and lose
     /// the reasons why they had none.
     ///
-    /// Then a median over 3x3 pixels, the border repeated.
-    pub fn fill(&mut self, map: &mut DisparityMap) {
+    /// Then a median over 3x3 pixels, the border repeated; and steps of disparity are drawn to the edges of the image
+    /// `guide`, which has the map's size.
+    pub fn fill(&mut self, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
         let height = map.height();
         let Some(first) = (0..height).find(|&y| fill_row(map.values.row_mut(y), map.validity.row_mut(y)))
         else {
@@ -36,6 +39,7 @@ impl Filler {
             let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| self.filled.row(y));
             median_row(rows, map.values.row_mut(y));
         }
+        self.sharpener.sharpen(map, guide);
     }
 }
 

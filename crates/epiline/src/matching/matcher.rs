@@ -10,6 +10,7 @@ use super::prepared::PreparedPair;
 use super::regions::{Group, MatchRegion, Reach, Rect, RegionMap, Tile, groups};
 use super::saturation::SaturationTest;
 use super::semi_global::{self, Penalties, SemiGlobal};
+use super::smooth::Smoother;
 use super::speckle::SpeckleFilter;
 use super::stripe::{Frame, Stripe};
 use super::threads::{stripes, thread_count};
@@ -35,6 +36,7 @@ pub struct StereoMatcher {
     saturation: SaturationTest,
     speckle: SpeckleFilter,
     filler: Filler,
+    smoother: Smoother,
     region_map: RegionMap,
     tile_map: DisparityMap,
 }
@@ -95,6 +97,7 @@ impl StereoMatcher {
             saturation: SaturationTest::default(),
             speckle: SpeckleFilter::default(),
             filler: Filler::default(),
+            smoother: Smoother::default(),
             region_map: RegionMap::default(),
             tile_map: DisparityMap::default(),
         })
@@ -140,8 +143,9 @@ impl StereoMatcher {
     ///
     /// The cost is that of the boxes and of margins around them: half a window on every side; on the left the largest
     /// disparity, and on the right, with the left–right test, as many columns as there are disparities. Islands of
-    /// speckle that leave a box are followed outside of it. With [`MatcherParams::fill`] or [`MatcherParams::coarse_weight`], and for [`Method::Sgm`],
-    /// answers depend on the whole image: all of it is matched.
+    /// speckle that leave a box are followed outside of it. With [`MatcherParams::coarse_weight`],
+    /// [`fill`](MatcherParams::fill) or [`smooth`](MatcherParams::smooth), and for [`Method::Sgm`], answers depend on the
+    /// whole image: all of it is matched.
     ///
     /// Fails as [`compute_masked`](Self::compute_masked) does, and if there is no box, more than
     /// [`MatchRegion::MAX_COUNT`], or one that is empty or not inside the image.
@@ -237,7 +241,10 @@ impl StereoMatcher {
             self.speckle.mark(out, params.speckle_size, params.speckle_range);
         }
         if params.fill {
-            self.filler.fill(out);
+            self.filler.fill(out, pair.left);
+        }
+        if params.smooth {
+            self.smoother.smooth(out, pair.left);
         }
     }
 

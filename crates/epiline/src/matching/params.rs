@@ -63,8 +63,11 @@ pub struct MatcherParams {
     /// `width·height·num_disparities / 8` bytes. Try 4.
     pub coarse_weight: u8,
     /// Answer everywhere: pixels that have no value, or were rejected, take the smaller of their row's nearest values and
-    /// become [`FILLED`](super::Validity::FILLED); then a 3x3 median.
+    /// become [`FILLED`](super::Validity::FILLED); then a 3x3 median and, there and at steps of disparity, a median
+    /// weighted by the likeness of grey values.
     pub fill: bool,
+    /// Smooth surfaces, but not across steps of more than 2 px nor edges of the image (Min et al., TIP 2014).
+    pub smooth: bool,
     /// [`Method::Sgm`]: how many paths meet in a pixel. 3: from the left, the right and above; 4: from below too, which
     /// needs `2·width·height·num_disparities` bytes.
     pub paths: usize,
@@ -96,6 +99,7 @@ impl Default for MatcherParams {
             subpixel: true,
             coarse_weight: 0,
             fill: false,
+            smooth: false,
             paths: 4,
             p1: 48,
             p2: 127,

@@ -32,6 +32,7 @@ impl Preset {
         let sgm = MatcherParams {
             left_right_max_diff: Some(1),
             speckle_range: 1,
+            smooth: true,
             ..MatcherParams::for_method(Method::Sgm)
         };
         match self {

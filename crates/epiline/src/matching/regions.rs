@@ -186,8 +186,8 @@ pub(super) struct Reach {
 }
 
 impl Reach {
-    /// `None` where an answer depends on the whole image: paths cross it, at half the resolution too, and filling takes
-    /// values from anywhere.
+    /// `None` where an answer depends on the whole image: paths cross it, at half the resolution too, filling takes values
+    /// from anywhere, and smoothing goes along whole rows.
     pub fn of(params: &MatcherParams) -> Option<Self> {
         let rows = match params.method {
             // The window, and the derivative at its edge: texture is measured with it, whatever the prefilter.
@@ -197,7 +197,7 @@ impl Reach {
         // The right pixel's other candidates lie so far to the right, and no further left than the largest disparity.
         let others = params.left_right_reach().map_or(0, |_| params.num_disparities - 1);
         let candidates = params.min_disparity + params.num_disparities - 1;
-        let is_local = !params.fill && params.coarse_weight == 0;
+        let is_local = !params.fill && !params.smooth && params.coarse_weight == 0;
         is_local.then_some(Self { left: rows + candidates, right: rows + others, rows })
     }
 

@@ -8,7 +8,9 @@
 //!    chains that do not know each other fill the wait.
 //! 3. Along a path the number of vectors is a constant, so that the pixel before stays in registers.
 //! 4. No vector passes through a closure: a closure is compiled without the instruction set, and not always inlined.
-//! 5. The right image's best sums are collected in registers that shift a lane per column, as in [`sad`](super::super::sad).
+//! 5. Along a path the smallest cost is subtracted last, since it is known last. `B(d±1) + P1` may then saturate, but only
+//!    where it exceeds 255, which `B(d)` does not.
+//! 6. The right image's best sums are collected in registers that shift a lane per column, as in [`sad`](super::super::sad).
 
 use super::features::Channel;
 use super::{CostRow, HorizontalRow, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow, WindowRow};
@@ -223,8 +225,8 @@ impl<V: Bytes, const N: usize> Path<V, N> {
             for i in 0..N {
                 let larger = before[i].lane_before(if i > 0 { before[i - 1] } else { none });
                 let smaller = before[i].lane_after(if i + 1 < N { before[i + 1] } else { none });
-                let beside = larger.min(smaller).saturating_sub(self.smallest).saturating_add(p1);
-                let cheapest = before[i].saturating_sub(self.smallest).min(beside).min(p2);
+                let cheapest = before[i].min(larger.min(smaller).saturating_add(p1));
+                let cheapest = cheapest.saturating_sub(self.smallest).min(p2);
                 self.costs[i] = V::load(costs.add(i * V::COUNT)).saturating_add(cheapest);
                 self.costs[i].store(after.add(i * V::COUNT));
                 smallest = smallest.min(self.costs[i]);
