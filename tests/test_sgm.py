@@ -37,6 +37,20 @@ def test_fill_answers_everything_and_marks_what_it_filled(pair, method):
     np.testing.assert_array_equal(filled.validity == 128, tested.validity != 0)
 
 
+def test_smooth_levels_a_noisy_plane_and_keeps_what_is_missing():
+    rng = np.random.default_rng(2)
+    left = rng.integers(100, 124, (60, 160), dtype=np.uint8)
+    noise = rng.normal(0, 1, (2, *left.shape))
+    # A plane between two whole disparities: the mean of two shifts.
+    right = (np.roll(left, -4, axis=1).astype(float) + np.roll(left, -5, axis=1)) / 2
+    pair = [np.clip(image + extra, 0, 255).astype(np.uint8) for image, extra in zip((left, right), noise, strict=True)]
+    settings = {"method": "sgm", "num_disparities": 32, "uniqueness_ratio": 10}
+    plain, smooth = ep.match(*pair, **settings), ep.match(*pair, **settings, smooth=True)
+    np.testing.assert_array_equal(smooth.validity, plain.validity)
+    inside = np.s_[8:-8, 40:-8]
+    assert np.nanstd(smooth.values[inside]) < 0.7 * np.nanstd(plain.values[inside])
+
+
 def test_presets_can_be_changed_parameter_by_parameter():
     balanced = ep.StereoMatcher(preset="balanced").parameters
     assert balanced["method"] == "sgm"

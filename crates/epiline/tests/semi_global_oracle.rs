@@ -126,6 +126,8 @@ fn neither_level_nor_threads_change_the_result() {
             num_disparities,
             uniqueness_ratio: 5,
             left_right_max_diff: Some(1),
+            fill: true,
+            smooth: true,
             ..sgm()
         };
         let expected = matched(&params, &scene, Level::SCALAR);
@@ -149,8 +151,9 @@ fn the_left_border_is_answered_from_what_the_right_image_shows() {
     }
 }
 
-/// Nearest values of the row, and of the rows around if it has none; then medians by sorting.
-fn filled(map: &DisparityMap) -> Option<Vec<u16>> {
+/// Nearest values of the row, and of the rows around if it has none; then medians by sorting, plain ones everywhere and
+/// weighted ones at edges.
+fn filled(map: &DisparityMap, guide: &Image<u8>) -> Option<Vec<u16>> {
     let (width, height) = (map.width(), map.height());
     let value =
         |x: usize, y: usize| Validity::has_value(map.validity.row(y)[x]).then(|| map.values.row(y)[x]);
@@ -180,7 +183,47 @@ fn filled(map: &DisparityMap) -> Option<Vec<u16>> {
         around.sort_unstable();
         around[4]
     };
-    Some((0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| median(x, y)).collect())
+    let smooth = Image::from_fn(width, height, median);
+    Some(sharpened(map, &smooth, guide).into_vec())
+}
+
+/// Weighted medians near what was filled and near steps of more than a pixel.
+fn sharpened(map: &DisparityMap, values: &Image<u16>, guide: &Image<u8>) -> Image<u16> {
+    let (width, height) = (values.width() as isize, values.height() as isize);
+    let at = |x: isize, y: isize| (x.clamp(0, width - 1) as usize, y.clamp(0, height - 1) as usize);
+    let value = |x, y| {
+        let (x, y) = at(x, y);
+        values.row(y)[x]
+    };
+    let grey = |x, y| {
+        let (x, y) = at(x, y);
+        f64::from(guide.row(y)[x])
+    };
+    let uncertain = |x: isize, y: isize| {
+        let (own_x, own_y) = at(x, y);
+        let (x, y) = (own_x as isize, own_y as isize);
+        !Validity::has_value(map.validity.row(own_y)[own_x])
+            || [(1, 0), (-1, 0), (0, 1), (0, -1)]
+                .iter()
+                .any(|(i, j)| value(x + i, y + j).abs_diff(value(x, y)) > 16)
+    };
+    let around = |step: isize| (-1..=1).flat_map(move |j| (-1..=1).map(move |i| (i * step, j * step)));
+    Image::from_fn(values.width(), values.height(), |x, y| {
+        let (x, y) = (x as isize, y as isize);
+        let mut samples: Vec<(u16, f64)> = around(4)
+            .map(|(i, j)| {
+                let weight = (-(grey(x + i, y + j) - grey(x, y)).abs() / 12.0).exp();
+                (value(x + i, y + j), (1024.0 * weight).round())
+            })
+            .collect();
+        samples.sort_by(|a, b| a.0.cmp(&b.0));
+        if samples[8].0 - samples[0].0 <= 16 || !around(1).any(|(i, j)| uncertain(x + i, y + j)) {
+            return value(x, y);
+        }
+        let up_to = |value: u16| samples.iter().filter(|s| s.0 <= value).map(|s| s.1).sum::<f64>();
+        let total = up_to(u16::MAX);
+        samples.iter().find(|s| 2.0 * up_to(s.0) >= total).expect("all of them have all the weight").0
+    })
 }
 
 #[test]
@@ -195,7 +238,7 @@ fn filling_answers_every_pixel_from_the_background() {
         };
         let map = matched(&params, &scene, Level::best());
         let full = matched(&MatcherParams { fill: true, ..params }, &scene, Level::best());
-        assert_eq!(Some(full.values.as_slice().to_vec()), filled(&map), "{width}x{height}");
+        assert_eq!(Some(full.values.as_slice().to_vec()), filled(&map, &scene.left), "{width}x{height}");
         for (&before, &after) in map.validity.as_slice().iter().zip(full.validity.as_slice()) {
             assert_eq!(after, if Validity::has_value(before) { before } else { Validity::FILLED });
         }

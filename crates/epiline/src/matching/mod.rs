@@ -2,8 +2,8 @@
 //!
 //! [`StereoMatcher`] owns every buffer. A frame passes through: prefilter → window costs and best candidates →
 //! sub-pixel and uniqueness → left–right → texture, all row by row in stripes that share nothing, then speckle over the
-//! whole map. Each test adds its own bit of [`Validity`]; none reads another's, except that speckle looks only at what
-//! is left.
+//! whole map, then filling and smoothing, where asked for, with the left image as their guide. Each test adds its own
+//! bit of [`Validity`]; none reads another's, except that speckle looks only at what is left.
 //!
 //! [`brute_force`] is the same definition without running sums: slow, short, and what the matcher is tested against.
 

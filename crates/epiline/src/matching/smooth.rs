@@ -34,7 +34,7 @@ impl Default for Smoother {
     }
 }
 
-/// What pixels side by side are, one to a lane. Lanes that do not exist have no value.
+/// What pixels side by side are, one to a lane.
 #[derive(Debug, Clone, Copy)]
 struct Pixels {
     disparity: [u16; STRIP],
@@ -43,8 +43,8 @@ struct Pixels {
 }
 
 impl Pixels {
-    const NONE: Self =
-        Self { disparity: [0; STRIP], bits: [Validity::BORDER; STRIP], grey: [0; STRIP] };
+    /// Without a value.
+    const NONE: Self = Self { disparity: [0; STRIP], bits: [Validity::BORDER; STRIP], grey: [0; STRIP] };
 }
 
 /// The systems of one strip; a step per pixel along it.
@@ -63,14 +63,15 @@ impl Smoother {
         let (width, height) = (map.width(), map.height());
         for first in (0..height).step_by(STRIP) {
             let count = STRIP.min(height - first);
-            self.strip.load(&self.bonds, width, |x| {
-                let mut pixels = Pixels::NONE;
-                for lane in 0..count {
-                    pixels.disparity[lane] = map.values.row(first + lane)[x];
-                    pixels.bits[lane] = map.validity.row(first + lane)[x];
-                    pixels.grey[lane] = guide.row(first + lane)[x];
-                }
-                pixels
+            // The last strip's lanes may repeat a row.
+            let row = |lane: usize| first + lane.min(count - 1);
+            let disparities: [_; STRIP] = std::array::from_fn(|lane| map.values.row(row(lane)));
+            let bits: [_; STRIP] = std::array::from_fn(|lane| map.validity.row(row(lane)));
+            let greys: [_; STRIP] = std::array::from_fn(|lane| guide.row(row(lane)));
+            self.strip.load(&self.bonds, width, |x| Pixels {
+                disparity: disparities.map(|row| row[x]),
+                bits: bits.map(|row| row[x]),
+                grey: greys.map(|row| row[x]),
             });
             self.strip.solve();
             for lane in 0..count {
@@ -114,12 +115,13 @@ impl Strip {
         let mut before = Pixels::NONE;
         for i in 0..len {
             let here = pixels(i);
+            let (bond, value) = (&mut self.bonds[i], &mut self.values[i]);
             for lane in 0..STRIP {
                 let bound = Validity::has_value(before.bits[lane] | here.bits[lane])
                     & (before.disparity[lane].abs_diff(here.disparity[lane]) <= LARGEST_STEP);
-                let bond = bonds[usize::from(before.grey[lane].abs_diff(here.grey[lane]))];
-                self.bonds[i][lane] = if bound { bond } else { 0.0 };
-                self.values[i][lane] = here.disparity[lane].into();
+                let unless_apart = bonds[usize::from(before.grey[lane].abs_diff(here.grey[lane]))];
+                bond[lane] = if bound { unless_apart } else { 0.0 };
+                value[lane] = here.disparity[lane].into();
             }
             before = here;
         }

@@ -7,7 +7,8 @@
 //! 2. Both horizontal paths advance in one loop: each step waits for the smallest cost of the step before, and two
 //!    chains that do not know each other fill the wait.
 //! 3. Along a path the number of vectors is a constant, so that the pixel before stays in registers.
-//! 4. No vector passes through a closure: a closure is compiled without the instruction set, and not always inlined.
+//! 4. No vector passes through a closure, and no array through an iterator by value: what they expand to is compiled
+//!    without the instruction set, and not always inlined.
 //! 5. Along a path the smallest cost is subtracted last, since it is known last. `B(d±1) + P1` may then saturate, but only
 //!    where it exceeds 255, which `B(d)` does not.
 //! 6. The right image's best sums are collected in registers that shift a lane per column, as in [`sad`](super::super::sad).
@@ -125,7 +126,7 @@ pub(super) unsafe fn cost_row<V: Bytes>(row: &mut CostRow<'_>) {
                 let mut entering = filtered
                     .sampling_insensitive(right.filtered, x + k)
                     .add(grey.sampling_insensitive(right.grey, x + k).quarter());
-                for (left, right) in census.iter().zip(right.census) {
+                for (left, right) in census.iter().zip(&right.census) {
                     entering = entering.add(left.hamming(V::load(right.as_ptr().add(x + k))));
                 }
                 let cost = row.pixel_costs.as_mut_ptr().add(x * row.lanes + k);
@@ -330,8 +331,8 @@ pub(super) unsafe fn sum_row<V: Bytes, const N: usize, const LEFT_RIGHT: bool>(r
                     rival_limit(best.first().into(), row.uniqueness_ratio).min(u32::from(u16::MAX) - 1);
                 let limit = V::Words::splat(limit as u16);
                 let mut count = 0;
-                for pair in sums {
-                    count += V::Words::count_at_most(pair, limit);
+                for pair in &sums {
+                    count += V::Words::count_at_most(*pair, limit);
                 }
                 *row.rivals.get_unchecked_mut(x) = count as u16;
             }
