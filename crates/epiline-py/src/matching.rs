@@ -309,7 +309,7 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 ///     Answer everywhere: what has no value takes the smaller of its row's nearest values, marked as filled; then a 3x3
 ///     median and, there and at steps of disparity, a median weighted by the likeness of grey values.
 /// smooth : bool
-///     Smooth surfaces, but not across steps of more than 2 px nor edges of the image. On in "balanced" and "accurate".
+///     Smooth surfaces, but not across steps of more than 2 px nor edges of the image. On in "accurate".
 /// paths : {3, 4}
 ///     sgm: from the left, the right and above; 4: from below too, which needs 2 x width x height x num_disparities bytes.
 /// p1 : int

@@ -32,7 +32,6 @@ impl Preset {
         let sgm = MatcherParams {
             left_right_max_diff: Some(1),
             speckle_range: 1,
-            smooth: true,
             prefilter_cap: 23,
             p1: 28,
             ..MatcherParams::for_method(Method::Sgm)
@@ -41,7 +40,7 @@ impl Preset {
             Self::Fast => MatcherParams::with_all_tests(),
             Self::Balanced => MatcherParams { paths: 3, uniqueness_ratio: 12, speckle_size: 200, ..sgm },
             // What is not unique is filled better by its own value than by its neighbours'.
-            Self::Accurate => MatcherParams { speckle_size: 400, ..sgm },
+            Self::Accurate => MatcherParams { speckle_size: 400, smooth: true, ..sgm },
         }
     }
 }
