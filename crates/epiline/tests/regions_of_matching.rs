@@ -196,7 +196,7 @@ fn islands_are_followed_out_of_the_box() {
     let (width, height) = (140, 90);
     let random = scene(width, height, false, 9).left;
     let shift = |x: usize, y: usize| {
-        let corridor = y % 8 < 4 || (x / 6) % 18 == if (y / 8) % 2 == 0 { 16 } else { 3 };
+        let corridor = y % 8 < 4 || (x / 6) % 18 == if (y / 8).is_multiple_of(2) { 16 } else { 3 };
         if corridor { 12 } else { 3 }
     };
     let right = Image::from_fn(width, height, |x, y| random.row(y)[(x + shift(x, y)).min(width - 1)]);

@@ -216,7 +216,7 @@ fn sharpened(map: &DisparityMap, values: &Image<u16>, guide: &Image<u8>) -> Imag
                 (value(x + i, y + j), (1024.0 * weight).round())
             })
             .collect();
-        samples.sort_by(|a, b| a.0.cmp(&b.0));
+        samples.sort_by_key(|sample| sample.0);
         if samples[8].0 - samples[0].0 <= 16 || !around(1).any(|(i, j)| uncertain(x + i, y + j)) {
             return value(x, y);
         }

@@ -260,9 +260,9 @@ impl SplitLanes for U16x32 {
             let lanes = _mm_cvtsi64_si128(PICKED_U16X4.get_unchecked(at).cast_signed());
             let wide = _mm512_zextsi128_si512(lanes);
             let mut picked = _mm512_permutex2var_epi16(costs[0][0].0, wide, costs[0][1].0);
-            for p in 1..P {
+            for (p, pair) in costs.iter().enumerate().skip(1) {
                 let here = _mm_cmpge_epu16_mask(lanes, _mm_set1_epi16(64 * p as i16));
-                let of_pair = _mm512_permutex2var_epi16(costs[p][0].0, wide, costs[p][1].0);
+                let of_pair = _mm512_permutex2var_epi16(pair[0].0, wide, pair[1].0);
                 picked = _mm512_mask_mov_epi16(picked, here.into(), of_pair);
             }
             _mm_cvtsi128_si64(_mm512_castsi512_si128(picked)).cast_unsigned()

@@ -30,6 +30,9 @@
 //! 7. No intrinsic is called in a closure: a closure is compiled without the instruction set unless it happens to be
 //!    inlined early.
 
+// Iterator adaptors and closures do not inherit the instruction set of the function they are inlined into; loops do.
+#![expect(clippy::needless_range_loop)]
+
 use super::{AddRow, Choice, Cost, RowPair, RowShape, SadRow};
 
 /// Pixels whose costs are computed before the first of them are read back.
@@ -286,7 +289,7 @@ fn rival_factor(uniqueness_ratio: u32) -> u64 {
 /// `2¹⁶ / 2²³ < 1/100`: never enough to reach the next whole number, as fractions are hundredths.
 #[inline(always)]
 fn rival_limit(best: u16, factor: u64) -> u16 {
-    let limit = u64::from(best) + (u64::from(best) * factor >> 23);
+    let limit = u64::from(best) + ((u64::from(best) * factor) >> 23);
     limit.min(u64::from(u16::BLOCKED) - 1) as u16
 }
 
