@@ -65,7 +65,7 @@ def test_defaults_belong_to_the_method():
     assert ep.StereoMatcher().parameters["block_size"] == 15
     assert ep.StereoMatcher(method="sgm").parameters["block_size"] == 3
     signature = inspect.signature(ep.StereoMatcher)
-    assert set(signature.parameters) == {"preset", *ep.StereoMatcher().parameters}
+    assert set(signature.parameters) == {"preset", "regions", "geometry", *ep.StereoMatcher().parameters}
 
 
 @pytest.mark.parametrize(

@@ -23,11 +23,12 @@ from epiline._core import (
 from epiline._operations import calibrate
 from epiline.cli.arguments import add_matcher_arguments, matcher_from, whole
 from epiline.cli.console import print_json, print_table, progress, say
+from epiline.cli.reporting import calibration_section
 from epiline.targets.boards import Chessboard
-from epiline.verdict import judge
+from epiline.verdict import Verdict, judge
 
 if TYPE_CHECKING:
-    from epiline.report import FrameTruth, RangeCurveSection, TruthRow
+    from epiline.report import CalibrationSection, FrameTruth, RangeCurveSection, TruthRow
     from epiline.sources.rendered import RenderedFrame, RenderedRig, ViewTruth
     from epiline.targets import Observations
 
@@ -86,11 +87,13 @@ def run(args: argparse.Namespace) -> None:
     )
     drive = _drive(rig, pipeline, args.frames)
     rows = _recovered(calibration, rig)
-    _write_report(args.output / "report.html", calibration, observations, rows, drive)
+    verdict = judge(calibration, observations)
+    section = calibration_section(calibration, observations, verdict, tuple(rows))
+    _write_report(args.output / "report.html", section, drive)
     if args.json:
         print_json(_as_json(rows, calibration, drive))
         return
-    _print_calibration(calibration, observations, rows)
+    _print_calibration(calibration, observations, verdict, rows)
     _print_drive(drive)
     say(f"wrote {args.output / 'report.html'} and {args.output / 'rig.yaml'}")
 
@@ -256,7 +259,9 @@ def _worst(drive: _Drive) -> list[tuple[float, float, float, int]]:
     return worst
 
 
-def _print_calibration(calibration: StereoCalibration, observations: Observations, rows: Sequence[TruthRow]) -> None:
+def _print_calibration(
+    calibration: StereoCalibration, observations: Observations, verdict: Verdict, rows: Sequence[TruthRow]
+) -> None:
     cells = [
         (
             r.name,
@@ -270,7 +275,7 @@ def _print_calibration(calibration: StereoCalibration, observations: Observation
     title = f"calibration from {len(observations)} of {len(observations.views)} board pairs"
     print_table(title, ("", "recovered", "truth", "error", "unit"), cells)
     say(f"stereo rms {calibration.rms_px:.4f} px, held-out epipolar error {calibration.epipolar_error_px:.4f} px")
-    say(f"verdict: {judge(calibration)}")
+    say(f"verdict: {verdict}")
 
 
 def _print_drive(drive: _Drive) -> None:
@@ -322,17 +327,10 @@ def _as_json(rows: Sequence[TruthRow], calibration: StereoCalibration, drive: _D
     }
 
 
-def _write_report(
-    path: Path,
-    calibration: StereoCalibration,
-    observations: Observations,
-    rows: Sequence[TruthRow],
-    drive: _Drive,
-) -> None:
-    from epiline.cli.reporting import calibration_section, provenance
+def _write_report(path: Path, section: CalibrationSection, drive: _Drive) -> None:
+    from epiline.cli.reporting import provenance
     from epiline.report import FrameSection, RawPair, RunReport, write_report
 
-    section = calibration_section(calibration, observations, judge(calibration), tuple(rows))
     frames = [
         FrameSection.from_result(
             seen.result,
