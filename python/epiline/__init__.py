@@ -19,6 +19,7 @@ from epiline._core import (
     Error,
     FrameResult,
     Obstacle,
+    PairAlignment,
     Pipeline,
     RangeCurve,
     RangeImage,
@@ -45,6 +46,7 @@ from epiline._core import (
     xsobel,
 )
 from epiline._operations import calibrate, match
+from epiline._align import align
 from epiline.targets.boards import Charuco, Chessboard
 
 if TYPE_CHECKING:
@@ -64,6 +66,7 @@ __all__ = [
     "FrameResult",
     "Observations",
     "Obstacle",
+    "PairAlignment",
     "Pipeline",
     "RangeCurve",
     "RangeImage",
@@ -76,6 +79,7 @@ __all__ = [
     "StereoMatcher",
     "ViewResidual",
     "__version__",
+    "align",
     "alignment_error",
     "calibrate",
     "calibrate_points",

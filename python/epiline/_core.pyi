@@ -18,6 +18,7 @@ __all__ = [
     "Error",
     "FrameResult",
     "Obstacle",
+    "PairAlignment",
     "Pipeline",
     "RangeCurve",
     "RangeImage",
@@ -30,6 +31,7 @@ __all__ = [
     "StereoMatcher",
     "ViewResidual",
     "__version__",
+    "align_candidates",
     "alignment_error",
     "calibrate_points",
     "default_disparities",
@@ -239,6 +241,44 @@ class Rectifier:
     def geometry(self) -> RectifiedGeometry: ...
     def __call__(self, left: Image, right: Image) -> RectifiedPair: ...
 
+@final
+class PairAlignment:
+    @property
+    def left(self) -> Image: ...
+    @property
+    def right(self) -> Image: ...
+    @property
+    def left_valid(self) -> NDArray[np.bool_]: ...
+    @property
+    def right_valid(self) -> NDArray[np.bool_]: ...
+    @property
+    def homographies(self) -> list[Floats]: ...
+    @property
+    def rotations(self) -> list[Floats]: ...
+    @property
+    def lens(self) -> list[CameraModel] | None: ...
+    @property
+    def epipolar_error_px(self) -> float: ...
+    @property
+    def sigma_px(self) -> float: ...
+    @property
+    def matches(self) -> int: ...
+    @property
+    def left_px(self) -> Floats: ...
+    @property
+    def right_px(self) -> Floats: ...
+    @property
+    def trusted(self) -> bool: ...
+    @property
+    def reason(self) -> str: ...
+
+def align_candidates(
+    left: Image,
+    right: Image,
+    left_px: ArrayLike,
+    right_px: ArrayLike,
+    lens: tuple[CameraModel, CameraModel] | None = None,
+) -> PairAlignment: ...
 @final
 class AlignmentError:
     @property

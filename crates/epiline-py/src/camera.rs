@@ -108,7 +108,7 @@ fn lens_of(name: Option<&str>, coefficients: &[f64]) -> PyResult<Lens> {
 /// ------
 /// ValueError
 ///     A number is not finite, a focal length not positive, or an array has another shape.
-#[pyclass(frozen, eq, module = "epiline", name = "CameraModel")]
+#[pyclass(frozen, eq, module = "epiline", name = "CameraModel", from_py_object)]
 #[derive(Clone, Copy, PartialEq)]
 pub struct PyCameraModel(pub CameraModel);
 

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+mod align;
 mod calibration;
 mod camera;
 mod convert;
@@ -21,6 +22,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     calibration::register(module)?;
     preprocess::register(module)?;
     rectification::register(module)?;
+    align::register(module)?;
     matching::register(module)?;
     range::register(module)?;
     regions::register(module)?;

@@ -102,6 +102,8 @@ pub fn alignment_error(
 #[derive(Debug)]
 pub struct AlignmentMeter {
     options: AlignmentOptions,
+    /// Strongest corners of every cell of the left image that are looked for in the right one.
+    probes_per_cell: u16,
     left: View,
     right: View,
     residuals: Vec<f64>,
@@ -115,11 +117,17 @@ impl AlignmentMeter {
         let (nan, matches) = (f64::NAN, Vec::new());
         Ok(Self {
             options,
+            probes_per_cell: PROBES_PER_CELL,
             left: View::default(),
             right: View::default(),
             residuals: Vec::new(),
             result: AlignmentError { median_px: nan, signed_median_px: nan, spread_px: nan, matches },
         })
+    }
+
+    /// A meter that looks for every corner it finds: slower, and each match as good as before.
+    pub(super) fn thorough(options: AlignmentOptions) -> Result<Self> {
+        Ok(Self { probes_per_cell: u16::MAX, ..Self::new(options)? })
     }
 
     /// Measures a pair. Pixels that are 0 in a mask, and all whose patch would touch one, take no part.
@@ -142,7 +150,7 @@ impl AlignmentMeter {
         self.right.describe(right, right_valid);
         self.result.matches.clear();
         for probe in 0..self.left.patches.len() {
-            if self.left.corners.found[probe].rank < PROBES_PER_CELL {
+            if self.left.corners.found[probe].rank < self.probes_per_cell {
                 self.result.matches.extend(self.match_probe(probe, left, right));
             }
         }
@@ -257,7 +265,7 @@ impl Corner {
 }
 
 /// Median of at least one number; reorders them.
-fn median(values: &mut [f64]) -> f64 {
+pub(super) fn median(values: &mut [f64]) -> f64 {
     let (middle, count) = (values.len() / 2, values.len());
     let (below, &mut upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
     if count % 2 == 1 {
