@@ -147,7 +147,7 @@ fn mark_maxima([above, here, below]: [&[f32]; 3], is_maximum: &mut [bool]) {
     }
 }
 
-fn is_valid_around(valid: ImageRef<'_, u8>, x: usize, y: usize, margin: usize) -> bool {
+pub(super) fn is_valid_around(valid: ImageRef<'_, u8>, x: usize, y: usize, margin: usize) -> bool {
     (y - margin..=y + margin).all(|y| valid.row(y)[x - margin..=x + margin].iter().all(|&v| v != 0))
 }
 

@@ -211,6 +211,28 @@ impl AlignmentMeter {
     }
 }
 
+/// The same point in both images, located precisely from where it is known to a pixel or two: x, y in the left and in
+/// the right image. `None` at the images' edges, near pixels without a source and where nothing can be located.
+pub(super) fn locate_near(
+    images: [ImageRef<'_, u8>; 2],
+    valid: [ImageRef<'_, u8>; 2],
+    start_px: [[f64; 2]; 2],
+) -> Option<PointMatch> {
+    let whole = |side: usize| -> Option<[usize; 2]> {
+        let limits = [images[side].width(), images[side].height()];
+        let mut at = [0; 2];
+        for axis in 0..2 {
+            let value = start_px[side][axis].round();
+            let inside = refine::MARGIN as f64..(limits[axis].saturating_sub(refine::MARGIN)) as f64;
+            at[axis] = inside.contains(&value).then_some(value as usize)?;
+        }
+        corners::is_valid_around(valid[side], at[0], at[1], refine::MARGIN).then_some(at)
+    };
+    let (left, right) = (whole(0)?, whole(1)?);
+    let right_px = refine::locate(images[0], left, images[1], right)?;
+    Some(PointMatch { left_px: left.map(|v| v as f64), right_px })
+}
+
 /// The corners of one image and the patches around them.
 #[derive(Debug, Default)]
 struct View {

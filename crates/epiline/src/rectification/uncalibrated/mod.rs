@@ -12,9 +12,9 @@ mod view;
 
 use nalgebra::{Matrix3, Vector2};
 
-use self::rig::{Lenses, Match, Rig};
+use self::rig::{Lenses, Match, Rig, Unknowns};
 use self::view::View;
-use super::alignment::{AlignmentMeter, AlignmentOptions};
+use super::alignment::{AlignmentMeter, AlignmentOptions, PointMatch, locate_near};
 use crate::camera::CameraModel;
 use crate::error::Result;
 use crate::image::{Image, ImageRef};
@@ -25,6 +25,9 @@ const MIN_CANDIDATES: usize = 16;
 const ROUNDS: usize = 2;
 /// Rows up and down that are looked at then, pixels.
 const OFFSETS_PX: [usize; ROUNDS] = [8, 4];
+
+/// Features no farther apart than this, in x and y, are one, pixels.
+const SAME_FEATURE_PX: f64 = 3.0;
 
 /// A pair aligned by its own content.
 #[derive(Debug, Clone, PartialEq)]
@@ -118,10 +121,8 @@ pub fn align_pair(
     }
     let tolerance_px = consensus::TOLERANCE_PX * (size[0].max(size[1]) as f64 / 640.0).max(1.0);
     let proposals = consensus::propose(&model, &candidates, tolerance_px);
-    let fits = proposals.iter().map(|p| solver::fit(&model, &candidates, &p.unknowns, 1.5 * tolerance_px));
-    let Some(mut fit) = fits.max_by_key(|fit| count_within(&model.rig(&fit.unknowns), &candidates, tolerance_px)) else {
-        return refused("no pair of cameras explains the matches".into());
-    };
+    let starts: Vec<Unknowns> = proposals.iter().map(|proposal| proposal.unknowns).collect();
+    let mut fit = solver::fit_best(&model, &candidates, &starts, 1.5 * tolerance_px);
     let agreeing: Vec<Match> = within(&model.rig(&fit.unknowns), &candidates, tolerance_px);
     if agreeing.len() < MIN_CANDIDATES || 3 * agreeing.len() < candidates.len() {
         return refused(format!(
@@ -132,15 +133,17 @@ pub fn align_pair(
     }
     let mut matches = agreeing.clone();
     for offset_px in OFFSETS_PX {
-        let found = rematch([left, right], &model.rig(&fit.unknowns), &matches, offset_px)?;
+        let found = rematch([left, right], &model.rig(&fit.unknowns), &matches, &agreeing, offset_px)?;
         if found.len() < trust::MIN_MATCHES {
             break;
         }
-        fit = solver::fit(&model, &found, &fit.unknowns, 0.5 * offset_px as f64);
+        let starts: Vec<Unknowns> = starts.iter().copied().chain([fit.unknowns]).collect();
+        fit = solver::fit_best(&model, &found, &starts, 0.5 * offset_px as f64);
         matches = found;
     }
     let halves = [0, 1].map(|half| every_other(&matches, half));
-    let fits = halves.each_ref().map(|half| solver::fit(&model, half, &proposals[0].unknowns, 2.0 * tolerance_px).unknowns);
+    let starts: Vec<Unknowns> = starts.into_iter().chain([fit.unknowns]).collect();
+    let fits = halves.each_ref().map(|half| solver::fit_best(&model, half, &starts, tolerance_px).unknowns);
     let mut held_out: Vec<f64> = [(0, 1), (1, 0)]
         .into_iter()
         .flat_map(|(seen, unseen)| verticals(model.rig(&fits[seen]), &halves[unseen]))
@@ -173,11 +176,13 @@ pub fn align_pair(
     })
 }
 
-/// Precise matches of corners in the images as aligned so far, as pixels of the photographs.
+/// Precise matches of corners in the images as aligned so far, and of the features given, as pixels of the
+/// photographs. `known` are matches that tell which disparities to look at.
 fn rematch(
     photographs: [ImageRef<'_, u8>; 2],
     rig: &Rig,
     known: &[Match],
+    features: &[Match],
     offset_px: usize,
 ) -> Result<Vec<Match>> {
     let size = [photographs[0].width(), photographs[0].height()];
@@ -193,9 +198,18 @@ fn rematch(
     let [[left, left_valid], [right, right_valid]] =
         [view.render(0, photographs[0])?, view.render(1, photographs[1])?];
     let mut meter = AlignmentMeter::thorough(options)?;
-    let found =
-        meter.measure(left.view(), right.view(), Some(left_valid.view()), Some(right_valid.view()))?;
-    Ok(found.matches.iter().filter_map(|m| view.in_photographs([m.left_px, m.right_px])).collect())
+    let aligned = [left.view(), right.view()];
+    let valid = [left_valid.view(), right_valid.view()];
+    let mut found =
+        meter.measure(aligned[0], aligned[1], Some(valid[0]), Some(valid[1]))?.matches.clone();
+    for feature in features {
+        let Some(start) = view.in_aligned(feature) else { continue };
+        let is_same = |m: &PointMatch| (0..2).all(|i| (m.left_px[i] - start[0][i]).abs() < SAME_FEATURE_PX);
+        if !found.iter().any(is_same) {
+            found.extend(locate_near(aligned, valid, start));
+        }
+    }
+    Ok(found.iter().filter_map(|m| view.in_photographs([m.left_px, m.right_px])).collect())
 }
 
 /// Disparities of matches in pixels, infinity at 0, in ascending order.
@@ -213,10 +227,6 @@ fn verticals(rig: Rig, matches: &[Match]) -> impl Iterator<Item = f64> {
 fn within(rig: &Rig, matches: &[Match], tolerance_px: f64) -> Vec<Match> {
     let agrees = |points: &&Match| rig.vertical_px(points).is_some_and(|r| r.abs() < tolerance_px);
     matches.iter().filter(agrees).copied().collect()
-}
-
-fn count_within(rig: &Rig, matches: &[Match], tolerance_px: f64) -> usize {
-    verticals(*rig, matches).filter(|r| r.abs() < tolerance_px).count()
 }
 
 fn every_other(matches: &[Match], first: usize) -> Vec<Match> {

@@ -63,6 +63,17 @@ pub(super) fn fit(lenses: &Lenses, matches: &[Match], start: &Unknowns, cutoff_p
     Fit { unknowns, sigma_px: sigma, cutoff_px: cutoff, covariance }
 }
 
+/// The most probable of the fits from several starts, of which there is at least one.
+pub(super) fn fit_best(lenses: &Lenses, matches: &[Match], starts: &[Unknowns], cutoff_px: f64) -> Fit {
+    let fits: Vec<Fit> = starts.iter().map(|start| fit(lenses, matches, start, cutoff_px)).collect();
+    // Compared at one noise, the least that any of them claims.
+    let sigma = fits.iter().map(|fit| fit.sigma_px).fold(f64::INFINITY, f64::min);
+    let prior = lenses.prior();
+    let cost_of = |fit: &Fit| cost(lenses, &prior, matches, &fit.unknowns, sigma, CUTOFF_SIGMAS * sigma);
+    let best = fits.into_iter().min_by(|a, b| cost_of(a).total_cmp(&cost_of(b)));
+    best.expect("at least one start")
+}
+
 /// Angles that put a few matches on rows, the lenses held; for samples of which most are wrong.
 pub(super) fn fit_sample(lenses: &Lenses, sample: &[Match], start: &Unknowns) -> Unknowns {
     let prior = lenses.prior();

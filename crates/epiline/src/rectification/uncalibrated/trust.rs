@@ -8,11 +8,14 @@ use super::solver::Fit;
 
 /// Largest error that a trusted alignment may have somewhere in the view, by its own account, pixels.
 const MAX_SIGMA_PX: f64 = 0.5;
+/// Largest error that two halves of the matches let expect, which is that of the whole, pixels: its upper tenth, so
+/// 1.6 times a sigma.
+const MAX_APART_PX: f64 = 1.6 * MAX_SIGMA_PX;
 /// Largest median vertical disparity of held-out matches, pixels.
 const MAX_HELD_OUT_PX: f64 = 0.5;
 /// Fewest matches, and fewest off the dominant plane.
 pub(super) const MIN_MATCHES: usize = 30;
-const MIN_OFF_PLANE: usize = 15;
+const MIN_OFF_PLANE: usize = 12;
 /// Least share of the matches found in the aligned images that must lie on their rows.
 const MIN_INLIER_SHARE: f64 = 0.5;
 /// Least share of matches that must lie in front of both cameras.
@@ -96,30 +99,34 @@ pub(super) fn judge(evidence: &Evidence<'_>) -> Verdict {
     }
     // The difference of two halves has twice the standard deviation of the whole.
     let apart = 0.5 * difference_px(lenses, *halves, &probes);
-    if apart.is_nan() || apart > MAX_SIGMA_PX {
+    if apart.is_nan() || apart > MAX_APART_PX {
         reasons.push(format!(
             "unstable: halves of the matches give rows {:.2} px apart in parts of the view",
             2.0 * apart
         ));
     }
-    Verdict { sigma_px: sigma_px.max(apart), reasons }
+    Verdict { sigma_px: sigma_px.max(apart / 1.6), reasons }
 }
 
-/// Scene points all over the view, at the nearest and the farthest disparity seen, as the fit would image them.
+/// Scene points all over the view, as the fit would image them: at every place of a grid, the disparities of the
+/// nearest matches.
 fn probes(rig: &Rig, aligned: &[[Vector2<f64>; 2]], size: [usize; 2]) -> Vec<Match> {
-    let mut disparities: Vec<f64> = aligned.iter().map(|[l, r]| l.x - r.x).collect();
-    disparities.sort_by(f64::total_cmp);
-    let at = |share: f64| disparities[(share * (disparities.len() - 1) as f64) as usize] / rig.focal_px;
-    let span = [at(0.05), at(0.95)];
+    const NEAREST: usize = 5;
     let inside = |p: &Vector2<f64>| {
         (0.0..=size[0] as f64 - 1.0).contains(&p.x) && (0.0..=size[1] as f64 - 1.0).contains(&p.y)
     };
+    let mut by_distance: Vec<(f64, f64)> = Vec::new();
     let mut probes = Vec::new();
     for i in 0..GRID * GRID {
         let fraction = |k: usize| (k as f64 + 0.5) / GRID as f64;
         let pixel = Vector2::new(fraction(i % GRID) * size[0] as f64, fraction(i / GRID) * size[1] as f64);
-        let Some([left, _]) = rig.align(&[pixel, pixel]) else { continue };
-        probes.extend(span.iter().filter_map(|&d| rig.scene_point(left, d)).filter(|[_, r]| inside(r)));
+        let Some([place, _]) = rig.align(&[pixel, pixel]) else { continue };
+        by_distance.clear();
+        by_distance.extend(aligned.iter().map(|[l, r]| ((l - place * rig.focal_px).norm(), l.x - r.x)));
+        by_distance.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let scene_points = by_distance.iter().take(NEAREST);
+        let scene_points = scene_points.filter_map(|(_, d)| rig.scene_point(place, d / rig.focal_px));
+        probes.extend(scene_points.filter(|[_, right]| inside(right)));
     }
     probes
 }

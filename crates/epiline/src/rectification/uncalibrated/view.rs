@@ -33,6 +33,14 @@ impl View {
         Some([pixel(0)?, pixel(1)?])
     }
 
+    /// Where a match of the photographs lies in the aligned images.
+    pub fn in_aligned(&self, points: &Match) -> Option<[[f64; 2]; 2]> {
+        let aligned = self.rig.align(points)?;
+        Some([0, 1].map(|side| {
+            [0, 1].map(|axis| self.rig.focal_px * aligned[side][axis] + self.center_px[side][axis])
+        }))
+    }
+
     fn normalised(&self, side: usize, pixel: [f64; 2]) -> Vector2<f64> {
         (Vector2::from(pixel) - Vector2::from(self.center_px[side])) / self.rig.focal_px
     }
