@@ -6,6 +6,7 @@ mod align;
 mod calibration;
 mod camera;
 mod convert;
+mod drift;
 mod matching;
 mod obstacles;
 mod pipeline;
@@ -23,6 +24,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     preprocess::register(module)?;
     rectification::register(module)?;
     align::register(module)?;
+    drift::register(module)?;
     matching::register(module)?;
     range::register(module)?;
     regions::register(module)?;

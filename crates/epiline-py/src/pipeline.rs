@@ -1,13 +1,13 @@
 //! Python face of `epiline::pipeline`.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use epiline::camera::StereoCalibration;
 use epiline::image::{Image, StereoPair};
 use epiline::matching::MatcherParams;
 use epiline::obstacles::ObstacleParams;
 use epiline::pipeline::{FrameResult, Pipeline, PipelineParams};
-use epiline::rectification::RectifiedGeometry;
 use epiline::regions::{Region, paper_regions};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -17,6 +17,7 @@ use crate::convert::{OrRaise, grey_image, whole};
 use crate::matching::{PyDisparityMap, PyStereoMatcher, parameters_dict};
 use crate::obstacles::PyObstacle;
 use crate::range::PyRangeImage;
+use crate::drift::PyDrift;
 use crate::rectification::{PyAlignmentError, PyRectifiedGeometry, PyRectifiedPair};
 use crate::regions::{PyRegion, PyRegionProfile, unwrap};
 
@@ -77,6 +78,12 @@ impl PyFrameResult {
         self.0.alignment.clone().map(PyAlignmentError)
     }
 
+    /// How the rig has moved since calibration, from this pair and those before it; None if alignment was not asked for.
+    #[getter]
+    fn drift(&self) -> Option<PyDrift> {
+        self.0.drift.map(PyDrift)
+    }
+
     /// Milliseconds of each stage, and of all as "total".
     #[getter]
     fn stage_ms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
@@ -128,7 +135,21 @@ struct State {
 /// Results that take turns: the one being filled, the one the caller still holds, and one on its way.
 const KEPT_RESULTS: usize = 3;
 
+impl PyPipeline {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // A panic in an earlier call leaves buffers that the next one sets up again.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 impl State {
+    fn realign(&mut self) -> epiline::Result<StereoCalibration> {
+        let corrected = self.pipeline.realign()?;
+        // Results made for the geometry of before cannot be filled with the new one.
+        self.results.clear();
+        Ok(corrected)
+    }
+
     fn process(&mut self, pair: StereoPair<'_>) -> epiline::Result<Arc<FrameResult>> {
         let free = self.results.iter_mut().position(|result| Arc::get_mut(result).is_some());
         let mut result = match free {
@@ -175,7 +196,6 @@ impl State {
 ///     A rig that cannot be rectified.
 #[pyclass(name = "Pipeline", module = "epiline", frozen)]
 pub struct PyPipeline {
-    geometry: RectifiedGeometry,
     regions: Vec<Region>,
     matcher: MatcherParams,
     state: Mutex<State>,
@@ -227,15 +247,15 @@ impl PyPipeline {
             Rig::Aligned(geometry) => Pipeline::for_aligned(geometry.0, regions, params),
         };
         let pipeline = pipeline.or_raise()?;
-        let (geometry, regions) = (*pipeline.geometry(), pipeline.regions().to_vec());
+        let regions = pipeline.regions().to_vec();
         let matcher = params.matcher;
-        Ok(Self { geometry, regions, matcher, state: Mutex::new(State { pipeline, results: Vec::new() }) })
+        Ok(Self { regions, matcher, state: Mutex::new(State { pipeline, results: Vec::new() }) })
     }
 
     /// Geometry of the aligned images.
     #[getter]
     fn geometry(&self) -> PyRectifiedGeometry {
-        PyRectifiedGeometry(self.geometry)
+        PyRectifiedGeometry(*self.lock().pipeline.geometry())
     }
 
     /// The regions read.
@@ -274,10 +294,23 @@ impl PyPipeline {
     ) -> PyResult<PyFrameResult> {
         let (left, right) = (grey_image("left", left)?, grey_image("right", right)?);
         let pair = StereoPair::new(left.view(), right.view()).or_raise()?;
-        let result = py.detach(|| {
-            // A panic in an earlier call leaves buffers that the next one sets up again.
-            self.state.lock().unwrap_or_else(PoisonError::into_inner).process(pair)
-        });
+        let result = py.detach(|| self.lock().process(pair));
         result.map(PyFrameResult).or_raise()
+    }
+
+    /// Corrects the rig by the drift seen so far (FrameResult.drift). The next pair is aligned by the corrected
+    /// calibration, and the drift counts anew from there.
+    ///
+    /// Returns
+    /// -------
+    /// StereoCalibration
+    ///     The corrected one, the correction's uncertainty in its covariance.
+    ///
+    /// Raises
+    /// ------
+    /// epiline.Error
+    ///     The pairs come aligned, or no pair with enough matches was seen yet.
+    fn realign(&self, py: Python<'_>) -> PyResult<PyStereoCalibration> {
+        py.detach(|| self.lock().realign()).map(PyStereoCalibration).or_raise()
     }
 }

@@ -10,7 +10,9 @@ use crate::matching::{DisparityMap, MatcherParams, StereoMatcher};
 use crate::obstacles::{Obstacle, ObstacleFinder, ObstacleParams};
 use crate::preprocess::equalize_histogram;
 use crate::range::{RangeImage, Triangulation};
-use crate::rectification::{AlignmentError, AlignmentMeter, AlignmentOptions, RectifiedGeometry, Rectifier};
+use crate::rectification::{
+    AlignmentError, AlignmentMeter, AlignmentOptions, Drift, DriftMeter, RectifiedGeometry, Rectifier, realign,
+};
 use crate::regions::{ProfileParams, Profiler, Region, RegionProfile};
 
 /// What a [`Pipeline`] does to each pair.
@@ -93,6 +95,8 @@ pub struct FrameResult {
     pub obstacles: Vec<Obstacle>,
     /// Vertical residual of the pair, if asked for.
     pub alignment: Option<AlignmentError>,
+    /// How the rig has moved since calibration, from this pair and those before it; with `alignment`.
+    pub drift: Option<Drift>,
     /// How long it took.
     pub times: StageTimes,
 }
@@ -113,6 +117,9 @@ pub struct Pipeline {
     profiler: Profiler,
     finder: ObstacleFinder,
     meter: AlignmentMeter,
+    drift: DriftMeter,
+    /// `None` if pairs come aligned.
+    calibration: Option<StereoCalibration>,
     equalized: [Image<u8>; 2],
     result: Option<FrameResult>,
 }
@@ -132,7 +139,8 @@ impl Pipeline {
         let rectifier = Rectifier::new(calibration)?;
         let geometry = *rectifier.geometry();
         let valid = [rectifier.left_valid(), rectifier.right_valid()].map(copy_of);
-        Self::new(geometry, Some(rectifier), valid, regions, params)
+        let pipeline = Self::new(geometry, Some(rectifier), valid, regions, params)?;
+        Ok(Self { calibration: Some(calibration.clone()), ..pipeline })
     }
 
     /// A pipeline for pairs that come aligned.
@@ -178,6 +186,8 @@ impl Pipeline {
             profiler: Profiler::default(),
             finder: ObstacleFinder::default(),
             meter: AlignmentMeter::new(searched)?,
+            drift: DriftMeter::new(&geometry),
+            calibration: None,
             equalized: [Image::default(), Image::default()],
             result: None,
         })
@@ -212,8 +222,24 @@ impl Pipeline {
             profiles: self.regions.iter().cloned().map(RegionProfile::new).collect(),
             obstacles: Vec::new(),
             alignment: None,
+            drift: None,
             times: StageTimes::default(),
         }
+    }
+
+    /// Corrects the rig by the drift seen so far: from the next pair on the corrected calibration, which is returned,
+    /// aligns. What was seen before is forgotten.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Degenerate`] for pairs that come aligned, and those of [`realign`]; the pipeline is as before then.
+    pub fn realign(&mut self) -> Result<StereoCalibration> {
+        let Some(calibration) = &self.calibration else {
+            return Err(Error::degenerate("realign", "the pairs come aligned; there is no calibration to correct"));
+        };
+        let corrected = realign(calibration, &self.drift.drift())?;
+        *self = Self::for_cameras(&corrected, self.regions.clone(), self.params)?;
+        Ok(corrected)
     }
 
     /// Processes a pair. The result stays valid until the next call.
@@ -286,6 +312,7 @@ impl Pipeline {
 
         if self.params.alignment {
             let measured = self.meter.measure(left, right, left_valid, right_valid)?;
+            result.drift = Some(self.drift.add(&measured.matches));
             store(measured, &mut result.alignment);
         }
         times.alignment = lap.time();

@@ -9,12 +9,17 @@ const RADIUS: usize = 3;
 const WINDOW: usize = 2 * RADIUS + 1;
 /// Weakest corner: a mean squared step of 5 grey levels across two pixels in the direction that has least of it.
 const MIN_STRENGTH: f32 = 25.0 * (WINDOW * WINDOW) as f32;
-/// Number of cells along the longer side; the strongest corners are taken from each cell.
-const CELLS: usize = 20;
-/// Smallest cell, pixels.
-const MIN_CELL_PX: usize = 24;
-/// A cell keeps one corner per this many square pixels.
-const AREA_PER_CORNER_PX: usize = 144;
+
+/// How corners are spread: the strongest ones are taken from each cell of a grid.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spread {
+    /// Number of cells along the longer side, at most 255.
+    pub cells: usize,
+    /// Smallest cell, pixels.
+    pub min_cell_px: usize,
+    /// A cell keeps one corner per this many square pixels.
+    pub area_per_corner_px: usize,
+}
 
 /// A corner at a whole pixel.
 #[derive(Debug, Clone, Copy)]
@@ -29,11 +34,13 @@ pub(super) struct Corner {
 
 /// Finds corners after Shi & Tomasi, "Good features to track", 1994: local maxima of the smaller eigenvalue of
 /// `Σ ∇I ∇Iᵀ` over a window. The sums are exact integers, so the same picture gives the same corners everywhere.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct CornerDetector {
-    /// `gx²`, `gx·gy` and `gy²` of the last [`WINDOW`] rows, and their sums down each column.
-    products: Vec<[Vec<i32>; 3]>,
-    columns: [Vec<i32>; 3],
+    spread: Spread,
+    /// `gx²`, `gx·gy` and `gy²` of the last [`WINDOW`] rows, and their sums down each column. All sums stay below 2²⁴, so
+    /// single precision holds them exactly, and vectors of it multiply faster than those of integers.
+    products: Vec<[Vec<f32>; 3]>,
+    columns: [Vec<f32>; 3],
     strength: Image<f32>,
     is_maximum: Vec<bool>,
     /// The corners found, from the top down and from left to right in each row.
@@ -43,6 +50,18 @@ pub(super) struct CornerDetector {
 }
 
 impl CornerDetector {
+    pub fn new(spread: Spread) -> Self {
+        Self {
+            spread,
+            products: Vec::new(),
+            columns: Default::default(),
+            strength: Image::default(),
+            is_maximum: Vec::new(),
+            found: Vec::new(),
+            row_starts: Vec::new(),
+        }
+    }
+
     /// Finds the corners of an image. None lies nearer than `margin` to its edge or to a pixel that is 0 in `valid`.
     pub fn detect(&mut self, image: ImageRef<'_, u8>, valid: Option<ImageRef<'_, u8>>, margin: usize) {
         let (width, height) = (image.width(), image.height());
@@ -67,7 +86,7 @@ impl CornerDetector {
         self.products.resize_with(WINDOW, Default::default);
         for plane in self.products.iter_mut().flatten().chain(&mut self.columns) {
             plane.clear();
-            plane.resize(width, 0);
+            plane.resize(width, 0.0);
         }
         for y in 1..height - 1 {
             let row = &mut self.products[y % WINDOW];
@@ -86,7 +105,7 @@ impl CornerDetector {
 
     fn collect_maxima(&mut self, valid: Option<ImageRef<'_, u8>>, margin: usize) {
         let (width, height) = (self.strength.width(), self.strength.height());
-        let cell_px = cell_side_px(width, height);
+        let cell_px = self.spread.cell_side_px(width, height);
         let cells_across = width.div_ceil(cell_px);
         self.is_maximum.clear();
         self.is_maximum.resize(width, false);
@@ -104,8 +123,8 @@ impl CornerDetector {
 
     /// Keeps the strongest corners of every cell.
     fn thin_out(&mut self) {
-        let cell_px = cell_side_px(self.strength.width(), self.strength.height());
-        let per_cell = (cell_px * cell_px / AREA_PER_CORNER_PX) as u16;
+        let cell_px = self.spread.cell_side_px(self.strength.width(), self.strength.height());
+        let per_cell = (cell_px * cell_px / self.spread.area_per_corner_px) as u16;
         // Strengths are positive: their bits sort as they do.
         self.found.sort_unstable_by_key(|c| (c.cell, Reverse(c.strength.to_bits()), c.y, c.x));
         let mut previous = None;
@@ -120,9 +139,11 @@ impl CornerDetector {
     }
 }
 
-/// At most [`CELLS`]² cells, so that a cell's number fits 16 bits whatever the image.
-fn cell_side_px(width: usize, height: usize) -> usize {
-    width.max(height).div_ceil(CELLS).max(MIN_CELL_PX)
+impl Spread {
+    /// At most `cells`² cells, so that a cell's number fits 16 bits whatever the image.
+    fn cell_side_px(&self, width: usize, height: usize) -> usize {
+        width.max(height).div_ceil(self.cells).max(self.min_cell_px)
+    }
 }
 
 /// Marks where the middle row is strong and no neighbour is stronger; of two equal ones the earlier counts.
@@ -152,24 +173,24 @@ pub(super) fn is_valid_around(valid: ImageRef<'_, u8>, x: usize, y: usize, margi
 }
 
 /// Products of the central differences of row `y`; 0 in the first and last column.
-fn gradient_products(image: ImageRef<'_, u8>, y: usize, [xx, xy, yy]: &mut [Vec<i32>; 3]) {
+fn gradient_products(image: ImageRef<'_, u8>, y: usize, [xx, xy, yy]: &mut [Vec<f32>; 3]) {
     let (above, here, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
     let inner = 1..here.len() - 1;
     let across = here.iter().zip(&here[2..]);
     let down = above[inner.clone()].iter().zip(&below[inner.clone()]);
     let outputs = xx[inner.clone()].iter_mut().zip(&mut xy[inner.clone()]).zip(&mut yy[inner]);
     for (((west, east), (north, south)), ((xx, xy), yy)) in across.zip(down).zip(outputs) {
-        let gx = i32::from(*east) - i32::from(*west);
-        let gy = i32::from(*south) - i32::from(*north);
+        let gx = f32::from(*east) - f32::from(*west);
+        let gy = f32::from(*south) - f32::from(*north);
         (*xx, *xy, *yy) = (gx * gx, gx * gy, gy * gy);
     }
 }
 
 /// The smaller eigenvalue of the window around every pixel of a row whose window lies inside.
-fn smaller_eigenvalues([xx, xy, yy]: &[Vec<i32>; 3], strength: &mut [f32]) {
+fn smaller_eigenvalues([xx, xy, yy]: &[Vec<f32>; 3], strength: &mut [f32]) {
     let inner = RADIUS..strength.len().saturating_sub(RADIUS);
     let windows = xx.windows(WINDOW).zip(xy.windows(WINDOW)).zip(yy.windows(WINDOW));
-    let sum = |window: &[i32]| window.iter().sum::<i32>() as f32;
+    let sum = |window: &[f32]| window.iter().sum::<f32>();
     for (strength, ((xx, xy), yy)) in strength[inner].iter_mut().zip(windows) {
         let (xx, xy, yy) = (sum(xx), sum(xy), sum(yy));
         let half_difference = 0.5 * (xx - yy);

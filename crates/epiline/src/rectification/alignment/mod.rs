@@ -4,16 +4,26 @@ mod corners;
 mod patch;
 mod refine;
 
-use corners::{Corner, CornerDetector};
+use corners::{Corner, CornerDetector, Spread};
 use patch::Patch;
 
 use crate::error::{Error, Result};
-use crate::image::ImageRef;
+use crate::image::{Image, ImageRef};
 
 /// Fewest matches from which a residual is stated.
 pub const MIN_MATCHES: usize = 12;
-/// Strongest corners of every cell of the left image that are looked for in the right one.
-const PROBES_PER_CELL: u16 = 2;
+/// Corners of the images at half size, one of each cell looked for in the other image: enough for medians and slopes.
+const QUICK: Effort = Effort {
+    shrink: 2,
+    probes_per_cell: 1,
+    spread: Spread { cells: 14, min_cell_px: 12, area_per_corner_px: 72 },
+};
+/// Every corner that there is at full size.
+const THOROUGH: Effort = Effort {
+    shrink: 1,
+    probes_per_cell: u16::MAX,
+    spread: Spread { cells: 20, min_cell_px: 24, area_per_corner_px: 144 },
+};
 /// Least ZNCC of a match.
 const MIN_ZNCC: f32 = 0.75;
 /// A match must lack at most this share of what the next best candidate lacks to a ZNCC of 1.
@@ -95,15 +105,15 @@ pub fn alignment_error(
 
 /// Measures the vertical residual of aligned pairs, one after the other, and keeps its buffers.
 ///
-/// Corners, spread over a grid, are matched from left to right and back by ZNCC of 13x13 patches, within the
-/// disparities and rows asked for; each match is then located to a few hundredths of a pixel by least squares.
+/// Corners, spread over a grid, are matched from left to right and back by ZNCC of 13x13 patches of the images at half
+/// size, within the disparities and rows asked for; each match is then located at full size to a few hundredths of a
+/// pixel by least squares.
 /// What moves between the two exposures, or repeats along the row, is a wrong match; the medians bear with
 /// nearly half of them.
 #[derive(Debug)]
 pub struct AlignmentMeter {
     options: AlignmentOptions,
-    /// Strongest corners of every cell of the left image that are looked for in the right one.
-    probes_per_cell: u16,
+    effort: Effort,
     left: View,
     right: View,
     residuals: Vec<f64>,
@@ -113,21 +123,25 @@ pub struct AlignmentMeter {
 impl AlignmentMeter {
     /// A meter. Fails if an option is out of its range.
     pub fn new(options: AlignmentOptions) -> Result<Self> {
-        options.validate()?;
-        let (nan, matches) = (f64::NAN, Vec::new());
-        Ok(Self {
-            options,
-            probes_per_cell: PROBES_PER_CELL,
-            left: View::default(),
-            right: View::default(),
-            residuals: Vec::new(),
-            result: AlignmentError { median_px: nan, signed_median_px: nan, spread_px: nan, matches },
-        })
+        Self::with_effort(options, QUICK)
     }
 
     /// A meter that looks for every corner it finds: slower, and each match as good as before.
     pub(super) fn thorough(options: AlignmentOptions) -> Result<Self> {
-        Ok(Self { probes_per_cell: u16::MAX, ..Self::new(options)? })
+        Self::with_effort(options, THOROUGH)
+    }
+
+    fn with_effort(options: AlignmentOptions, effort: Effort) -> Result<Self> {
+        options.validate()?;
+        let (nan, matches) = (f64::NAN, Vec::new());
+        Ok(Self {
+            options,
+            effort,
+            left: View::new(effort),
+            right: View::new(effort),
+            residuals: Vec::new(),
+            result: AlignmentError { median_px: nan, signed_median_px: nan, spread_px: nan, matches },
+        })
     }
 
     /// Measures a pair. Pixels that are 0 in a mask, and all whose patch would touch one, take no part.
@@ -150,7 +164,7 @@ impl AlignmentMeter {
         self.right.describe(right, right_valid);
         self.result.matches.clear();
         for probe in 0..self.left.patches.len() {
-            if self.left.corners.found[probe].rank < self.probes_per_cell {
+            if self.left.corners.found[probe].rank < self.effort.probes_per_cell {
                 self.result.matches.extend(self.match_probe(probe, left, right));
             }
         }
@@ -165,26 +179,29 @@ impl AlignmentMeter {
         right: ImageRef<'_, u8>,
     ) -> Option<PointMatch> {
         let AlignmentOptions { num_disparities, max_offset_px } = self.options;
-        let slack = SAME_POINT_PX;
+        let (shrink, slack) = (self.effort.shrink, SAME_POINT_PX);
+        let reach = num_disparities.div_ceil(shrink) + slack;
+        let rows = max_offset_px.div_ceil(shrink) + slack;
         let corner = &self.left.corners.found[probe];
         let found = self.right.best_match(
             &self.left.patches[probe],
             corner,
-            [num_disparities + slack, slack],
-            max_offset_px + slack,
+            [reach, slack],
+            rows,
         )?;
         let there = &self.right.corners.found[found];
         let back = self.left.best_match(
             &self.right.patches[found],
             there,
-            [slack, num_disparities + slack],
-            max_offset_px + slack,
+            [slack, reach],
+            rows,
         )?;
         if !self.left.corners.found[back].is_near(corner) {
             return None;
         }
-        let right_px = refine::locate(left, corner.position(), right, there.position())?;
-        let found = PointMatch { left_px: corner.position().map(|v| v as f64), right_px };
+        let [here, there] = [corner, there].map(|corner| corner.position().map(|v| v * shrink));
+        let right_px = refine::locate(left, here, right, there)?;
+        let found = PointMatch { left_px: here.map(|v| v as f64), right_px };
         let disparity_px = found.left_px[0] - found.right_px[0];
         let looked_at = disparity_px > -1.0
             && disparity_px <= num_disparities as f64
@@ -233,19 +250,51 @@ pub(super) fn locate_near(
     Some(PointMatch { left_px: left.map(|v| v as f64), right_px })
 }
 
+/// How much is looked at.
+#[derive(Debug, Clone, Copy)]
+struct Effort {
+    /// Corners are sought and compared in images smaller by this factor, 1 or 2.
+    shrink: usize,
+    /// Strongest corners of every cell of the left image that are looked for in the right one.
+    probes_per_cell: u16,
+    spread: Spread,
+}
+
 /// The corners of one image and the patches around them.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct View {
+    shrink: usize,
+    /// The image at half size and its mask.
+    half: [Image<u8>; 2],
     corners: CornerDetector,
     patches: Vec<Patch>,
 }
 
 impl View {
+    fn new(effort: Effort) -> Self {
+        Self {
+            shrink: effort.shrink,
+            half: [Image::default(), Image::default()],
+            corners: CornerDetector::new(effort.spread),
+            patches: Vec::new(),
+        }
+    }
+
     fn describe(&mut self, image: ImageRef<'_, u8>, valid: Option<ImageRef<'_, u8>>) {
-        self.corners.detect(image, valid, refine::MARGIN);
-        let corners = self.corners.found.iter();
-        self.patches.clear();
-        self.patches.extend(corners.map(|c| Patch::around(image, usize::from(c.x), usize::from(c.y))));
+        let Self { shrink, half: [half, half_valid], corners, patches } = self;
+        let (mut image, mut valid) = (image, valid);
+        if *shrink == 2 {
+            halve(image, half, |pixels| ((pixels.iter().map(|&p| u16::from(p)).sum::<u16>() + 2) >> 2) as u8);
+            image = half.view();
+            valid = valid.map(|mask| {
+                halve(mask, half_valid, |pixels| pixels.into_iter().fold(255, Ord::min));
+                half_valid.view()
+            });
+        }
+        // A patch must fit here, and the fit at full size there.
+        corners.detect(image, valid, (refine::MARGIN / *shrink + 1).max(patch::HALF));
+        patches.clear();
+        patches.extend(corners.found.iter().map(|c| Patch::around(image, usize::from(c.x), usize::from(c.y))));
     }
 
     /// The corner that looks most like `patch` within so many columns (to the left, to the right) and rows of
@@ -283,6 +332,17 @@ impl Corner {
 
     fn is_near(&self, other: &Self) -> bool {
         usize::from(self.x.abs_diff(other.x).max(self.y.abs_diff(other.y))) <= SAME_POINT_PX
+    }
+}
+
+/// Combines four pixels into one; an odd last row or column is left out.
+fn halve(image: ImageRef<'_, u8>, half: &mut Image<u8>, combine: impl Fn([u8; 4]) -> u8) {
+    half.resize(image.width() / 2, image.height() / 2);
+    for y in 0..half.height() {
+        let (upper, lower) = (image.row(2 * y).as_chunks::<2>().0, image.row(2 * y + 1).as_chunks::<2>().0);
+        for ((out, a), b) in half.row_mut(y).iter_mut().zip(upper).zip(lower) {
+            *out = combine([a[0], a[1], b[0], b[1]]);
+        }
     }
 }
 
