@@ -1,6 +1,6 @@
 """Prints how well `ep.align` aligns single pairs, judged on board corners or known truth that it did not get.
 
-    python benchmarks/align_anchors.py [DATA]
+    python benchmarks/align_anchors.py [DATA [PART...]]
 
 Each pair of the calibration sets is aligned alone, once with the lenses that all pairs together give and once with
 nothing known. The figure is the mean vertical disparity of the pair's own board corners after alignment.
@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 import epiline as ep
+from epiline.evaluation.scenes import load_scenes
 
 Array = np.ndarray
 
@@ -79,12 +80,71 @@ def summary(errors: Array, trusted: Array, milliseconds: list[float]) -> None:
     )
 
 
+def score_turned_scenes(data: Path) -> None:
+    """Scenes of the ground-truth table, both cameras turned by up to 2 degrees: judged on the true disparities."""
+    print("\nrectified scenes, cameras turned, nothing known")
+    random = np.random.default_rng(0)
+    errors, trusted, milliseconds = [], [], []
+    for scene in load_scenes(data):
+        images = [scene.left, scene.right]
+        height, width = images[0].shape[:2]
+        K = np.array([[1.2 * width, 0, width / 2], [0, 1.2 * width, height / 2], [0, 0, 1]])
+        H = [K @ cv2.Rodrigues(np.radians(random.uniform(-2, 2, 3)))[0] @ np.linalg.inv(K) for _ in images]
+        photographs = [cv2.warpPerspective(i, h, (width, height), flags=cv2.INTER_CUBIC) for i, h in zip(images, H)]
+        truth = scene.truth
+        y, x = np.nonzero(np.isfinite(truth) & scene.non_occluded)
+        seen = np.column_stack([x, y]).astype(float), np.column_stack([x - truth[y, x], y]).astype(float)
+        raw = [cv2.perspectiveTransform(points[:, None], h)[:, 0] for points, h in zip(seen, H)]
+        begin = time.perf_counter()
+        aligned = ep.align(*photographs)
+        milliseconds.append(1e3 * (time.perf_counter() - begin))
+        errors.append(corner_error_px(aligned, *raw))
+        trusted.append(aligned.trusted)
+        print(
+            f"  {scene.name:28} truth {errors[-1]:7.3f} px  held out {aligned.epipolar_error_px:6.3f}"
+            f"  sigma {aligned.sigma_px:6.3f}  {'trusted' if aligned.trusted else aligned.reason}"
+        )
+    summary(np.array(errors), np.array(trusted), milliseconds)
+
+
+def score_refusals(data: Path) -> None:
+    """Real pairs made hopeless: none may be trusted."""
+    print("\nmade hopeless, nothing known")
+    scenes = list(load_scenes(data))
+    counts: dict[str, list[bool]] = {}
+    for scene, other in zip(scenes, scenes[1:] + scenes[:1], strict=True):
+        left, right = (ep.grey(np.ascontiguousarray(i)) for i in (scene.left, scene.right))
+        size = left.shape[::-1]
+        K = np.array([[1.2 * size[0], 0, size[0] / 2], [0, 1.2 * size[0], size[1] / 2], [0, 0, 1]])
+        turn = K @ cv2.Rodrigues(np.radians((0.5, 1.5, -0.7)))[0] @ np.linalg.inv(K)
+        plane = np.array([[1.01, 0.02, -20.0], [0.002, 1.0, 2.0], [3e-5, 1e-5, 1.0]])
+        stranger = cv2.resize(ep.grey(np.ascontiguousarray(other.right)), size)
+        for name, pair in {
+            "swapped": (right, left),
+            "mirrored": (left, np.ascontiguousarray(right[:, ::-1])),
+            "unrelated": (left, stranger),
+            "identical": (left, left),
+            "turned": (left, cv2.warpPerspective(left, turn, size)),
+            "plane": (left, cv2.warpPerspective(left, plane, size)),
+        }.items():
+            aligned = ep.align(*pair)
+            counts.setdefault(name, []).append(aligned.trusted)
+            if aligned.trusted:
+                print(f"  {scene.name} {name}: {aligned}")
+    for name, trusted in counts.items():
+        print(f"  {name:12} trusted {sum(trusted)} of {len(trusted)}")
+
+
 def main() -> None:
     data = Path(sys.argv[1] if len(sys.argv) > 1 else os.environ.get("EPILINE_DATA", "../shared/data"))
     wanted = sys.argv[2:]
     for name, left, right, board in board_sets(data):
         if not wanted or any(w in name for w in wanted):
             score_boards(name, left, right, board)
+    if not wanted or "scenes" in wanted:
+        score_turned_scenes(data)
+    if not wanted or "refusals" in wanted:
+        score_refusals(data)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ __all__ = [
     "AlignmentError",
     "CameraModel",
     "DisparityMap",
+    "Drift",
     "Error",
     "FrameResult",
     "Obstacle",
@@ -40,9 +41,11 @@ __all__ = [
     "fit_range_curve",
     "gaussian_low_pass",
     "grey",
+    "measure_drift",
     "paper_regions",
     "profile",
     "read_kitti_projection",
+    "realign",
     "simd_level",
     "to_range",
     "tsai_calibrate",
@@ -240,6 +243,28 @@ class Rectifier:
     @property
     def geometry(self) -> RectifiedGeometry: ...
     def __call__(self, left: Image, right: Image) -> RectifiedPair: ...
+
+@final
+class Drift:
+    @property
+    def values(self) -> dict[str, float]: ...
+    @property
+    def sigma(self) -> dict[str, float]: ...
+    @property
+    def axis(self) -> Literal["pitch", "yaw", "roll", "zoom"] | None: ...
+    @property
+    def frames(self) -> int: ...
+    @property
+    def matches(self) -> int: ...
+
+def measure_drift(
+    geometry: RectifiedGeometry,
+    residuals: Sequence[AlignmentError],
+    *,
+    calibration: StereoCalibration | None = None,
+    reference: Drift | None = None,
+) -> Drift: ...
+def realign(calibration: StereoCalibration, drift: Drift) -> StereoCalibration: ...
 
 @final
 class PairAlignment:
@@ -556,6 +581,8 @@ class FrameResult:
     @property
     def alignment(self) -> AlignmentError | None: ...
     @property
+    def drift(self) -> Drift | None: ...
+    @property
     def stage_ms(self) -> dict[str, float]: ...
 
 @final
@@ -580,3 +607,5 @@ class Pipeline:
     @property
     def matcher_parameters(self) -> dict[str, Any]: ...
     def process(self, left: Image, right: Image) -> FrameResult: ...
+    def set_drift_reference(self) -> None: ...
+    def realign(self) -> StereoCalibration: ...

@@ -81,18 +81,34 @@ fn named<'py>(py: Python<'py>, values: &[f64; 4]) -> PyResult<Bound<'py, PyDict>
 ///     Of the aligned pairs.
 /// residuals : sequence of AlignmentError
 ///     What alignment_error measured on each pair.
+/// calibration : StereoCalibration, optional
+///     The one that aligned them: what its covariance leaves uncertain is not taken for drift.
+/// reference : Drift, optional
+///     Measured when the rig was known to hold; drift counts from there.
 ///
 /// Returns
 /// -------
 /// Drift
 #[pyfunction]
-fn measure_drift(geometry: PyRectifiedGeometry, residuals: Vec<PyRef<'_, PyAlignmentError>>) -> PyDrift {
-    let mut meter = DriftMeter::new(&geometry.0);
+#[pyo3(signature = (geometry, residuals, *, calibration = None, reference = None))]
+fn measure_drift(
+    geometry: PyRectifiedGeometry,
+    residuals: Vec<PyRef<'_, PyAlignmentError>>,
+    calibration: Option<&Bound<'_, PyStereoCalibration>>,
+    reference: Option<PyDrift>,
+) -> PyResult<PyDrift> {
+    let mut meter = match calibration {
+        Some(calibration) => DriftMeter::for_calibration(&geometry.0, &calibration.get().0).or_raise()?,
+        None => DriftMeter::new(&geometry.0),
+    };
+    if let Some(reference) = reference {
+        meter.set_reference(reference.0);
+    }
     for residual in &residuals {
         let matches: &[PointMatch] = &residual.0.matches;
         meter.add(matches);
     }
-    PyDrift(meter.drift())
+    Ok(PyDrift(meter.drift()))
 }
 
 /// The calibration with the right camera turned as the drift says, the correction's uncertainty in its covariance.

@@ -298,6 +298,17 @@ impl PyPipeline {
         result.map(PyFrameResult).or_raise()
     }
 
+    /// Takes the rig to hold as it is now: from the next pair on, drift counts from what was seen so far. The
+    /// calibration's own uncertainty cancels then, and even a small yaw shows.
+    ///
+    /// Raises
+    /// ------
+    /// epiline.Error
+    ///     No pair with enough matches was seen yet.
+    fn set_drift_reference(&self) -> PyResult<()> {
+        self.lock().pipeline.set_drift_reference().or_raise()
+    }
+
     /// Corrects the rig by the drift seen so far (FrameResult.drift). The next pair is aligned by the corrected
     /// calibration, and the drift counts anew from there.
     ///

@@ -140,7 +140,8 @@ impl Pipeline {
         let geometry = *rectifier.geometry();
         let valid = [rectifier.left_valid(), rectifier.right_valid()].map(copy_of);
         let pipeline = Self::new(geometry, Some(rectifier), valid, regions, params)?;
-        Ok(Self { calibration: Some(calibration.clone()), ..pipeline })
+        let drift = DriftMeter::for_calibration(&geometry, calibration)?;
+        Ok(Self { calibration: Some(calibration.clone()), drift, ..pipeline })
     }
 
     /// A pipeline for pairs that come aligned.
@@ -225,6 +226,20 @@ impl Pipeline {
             drift: None,
             times: StageTimes::default(),
         }
+    }
+
+    /// Takes the rig to hold as it is now: from the next pair on, drift counts from what was seen so far.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Degenerate`] if no pair with enough matches was seen yet.
+    pub fn set_drift_reference(&mut self) -> Result<()> {
+        let seen = self.drift.drift();
+        if seen.frames == 0 {
+            return Err(Error::degenerate("drift", "no pair with enough matches was seen yet"));
+        }
+        self.drift.set_reference(seen);
+        Ok(())
     }
 
     /// Corrects the rig by the drift seen so far: from the next pair on the corrected calibration, which is returned,

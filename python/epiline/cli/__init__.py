@@ -15,6 +15,8 @@ _VERBS = (
     ("demo", "demo", "the whole system on a rendered rig: no camera, no download"),
     ("calibrate", "calibrate", "a rig from photographs of a board"),
     ("rectify", "rectify", "align pairs by a rig; prints the epipolar error"),
+    ("align", "align", "align pairs without a calibration, and say whether to trust it"),
+    ("check-rig", "check_rig", "whether a rig still holds, from ordinary pairs"),
     ("match", "match", "disparity of one pair, as picture, array or point cloud"),
     ("run", "run", "the continuous process: pairs in, ranges and obstacles out"),
     ("fit-range", "fit_range", "fit distance = a e^(bx) + c e^(dx) to measured pairs"),

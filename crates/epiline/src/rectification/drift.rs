@@ -1,10 +1,10 @@
 //! A rig that no longer points as it was calibrated: which angle moved, by how much, and how sure that is.
 
-use nalgebra::{Matrix4, Rotation3, Vector3, Vector4};
+use nalgebra::{Matrix3, Matrix4, Rotation3, SMatrix, Vector3, Vector4};
 
 use super::alignment::PointMatch;
 use super::geometry::RectifiedGeometry;
-use crate::camera::{AlignedFrame, Parameter, Pose, StereoCalibration};
+use crate::camera::{AlignedFrame, CameraModel, Distortion, Parameter, Pose, StereoCalibration};
 use crate::error::{Error, Result};
 
 /// What can have moved, in the order of [`Drift::values`].
@@ -46,9 +46,11 @@ impl DriftAxis {
 pub struct Drift {
     /// Pitch, yaw and roll of the right camera, radians, and the relative change of its focal length.
     pub values: [f64; 4],
-    /// Their standard deviations: noise of the matches and what a calibration leaves of its own. Infinite before
-    /// anything was seen.
+    /// Their standard deviations: noise of the matches, and what the calibration leaves uncertain of its own or, with a
+    /// reference, the reference's noise. Infinite before anything was seen.
     pub sigma: [f64; 4],
+    /// The part of `sigma` that the matches' noise makes.
+    pub noise: [f64; 4],
     /// Pairs that spoke.
     pub frames: usize,
     /// Matches that spoke.
@@ -56,11 +58,11 @@ pub struct Drift {
 }
 
 /// A value counts as drift beyond so many standard deviations.
-const SIGNIFICANT: f64 = 4.0;
+const SIGNIFICANT: f64 = 3.5;
 
 impl Drift {
     /// Before any pair was seen.
-    pub const UNKNOWN: Self = Self { values: [0.0; 4], sigma: [f64::INFINITY; 4], frames: 0, matches: 0 };
+    pub const UNKNOWN: Self = Self { values: [0.0; 4], sigma: [f64::INFINITY; 4], noise: [f64::INFINITY; 4], frames: 0, matches: 0 };
 
     /// Whether this value is beyond doubt.
     pub fn is_significant(&self, axis: DriftAxis) -> bool {
@@ -68,9 +70,9 @@ impl Drift {
         self.values[i].abs() > SIGNIFICANT * self.sigma[i]
     }
 
-    /// The angle or scale that moved most among those beyond doubt; `None` if the rig holds as far as can be seen.
+    /// The angle or scale that moved most surely, if beyond doubt; `None` if the rig holds as far as can be seen.
     pub fn axis(&self) -> Option<DriftAxis> {
-        let size = |axis: &DriftAxis| self.values[*axis as usize].abs();
+        let size = |axis: &DriftAxis| self.values[*axis as usize].abs() / self.sigma[*axis as usize];
         DriftAxis::ALL
             .into_iter()
             .filter(|&axis| self.is_significant(axis))
@@ -78,9 +80,11 @@ impl Drift {
     }
 }
 
-/// Vertical error that a good calibration leaves in each of the four patterns at the image's edge, pixels. Below it nothing
-/// is drift.
-const CALIBRATION_FLOOR_PX: f64 = 0.05;
+/// Vertical error that a rig of unknown uncertainty is granted for pitch, yaw, roll and zoom, at half the image's width
+/// and height, pixels: about what published rectified sequences show.
+const GRANTED_PX: [f64; 4] = [0.08, 0.2, 0.15, 0.15];
+/// What no model of cameras explains, there, pixels: added to a calibration's own uncertainty, and to a reference's.
+const MODEL_ERROR_PX: f64 = 0.03;
 /// Pairs that the estimate remembers: older ones fade.
 const MEMORY_FRAMES: f64 = 50.0;
 /// Fewest matches with which a pair speaks.
@@ -92,6 +96,9 @@ const LEAST_SIGMA_PX: f64 = 0.05;
 #[derive(Debug, Clone)]
 pub struct DriftMeter {
     geometry: RectifiedGeometry,
+    /// Variance of the values that the calibration is answerable for.
+    granted: [f64; 4],
+    reference: Option<Drift>,
     normal: Matrix4<f64>,
     right_side: Vector4<f64>,
     frames: usize,
@@ -100,10 +107,12 @@ pub struct DriftMeter {
 }
 
 impl DriftMeter {
-    /// A meter for pairs of this geometry.
+    /// A meter for pairs of this geometry, whose calibration's uncertainty is unknown.
     pub fn new(geometry: &RectifiedGeometry) -> Self {
         Self {
             geometry: *geometry,
+            granted: at_edge(geometry, GRANTED_PX).map(|sigma| sigma * sigma),
+            reference: None,
             normal: Matrix4::zeros(),
             right_side: Vector4::zeros(),
             frames: 0,
@@ -112,9 +121,26 @@ impl DriftMeter {
         }
     }
 
-    /// Forgets all pairs.
-    pub fn reset(&mut self) {
-        *self = Self::new(&self.geometry);
+    /// A meter for pairs that a calibration aligned: what the calibration leaves uncertain, by its covariance, is not
+    /// taken for drift.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`AlignedFrame::of`].
+    pub fn for_calibration(geometry: &RectifiedGeometry, calibration: &StereoCalibration) -> Result<Self> {
+        let mut meter = Self::new(geometry);
+        if let Some(own) = variance_of_calibration(geometry, calibration)? {
+            let model = at_edge(geometry, [MODEL_ERROR_PX; 4]);
+            meter.granted = std::array::from_fn(|i| own[i] + model[i] * model[i]);
+        }
+        Ok(meter)
+    }
+
+    /// Drift counts from `reference` on, measured when the rig was known to hold: what the calibration leaves uncertain
+    /// of its own then cancels. All pairs so far are forgotten.
+    pub fn set_reference(&mut self, reference: Drift) {
+        let (geometry, granted) = (self.geometry, self.granted);
+        *self = Self { granted, reference: Some(reference), ..Self::new(&geometry) };
     }
 
     /// Takes in the matches of a pair and tells what is known now. A pair with fewer than twelve matches changes nothing.
@@ -137,17 +163,18 @@ impl DriftMeter {
         let Some(covariance) = self.normal.try_inverse().filter(|_| self.frames > 0) else {
             return Drift::UNKNOWN;
         };
-        let values = covariance * self.right_side;
-        let floor = self.floor();
-        let sigma = std::array::from_fn(|i| (covariance[(i, i)].max(0.0) + floor[i] * floor[i]).sqrt());
-        Drift { values: values.into(), sigma, frames: self.frames, matches: self.matches }
-    }
-
-    /// The calibration floor in units of each value.
-    fn floor(&self) -> [f64; 4] {
-        let RectifiedGeometry { width, height, focal_px, .. } = self.geometry;
-        let [u, v] = [width, height].map(|side| 0.5 * side as f64 / focal_px);
-        [1.0, u * v, u, v].map(|reach| CALIBRATION_FLOOR_PX / (focal_px * reach))
+        let mut values: [f64; 4] = (covariance * self.right_side).into();
+        let noise: [f64; 4] = std::array::from_fn(|i| covariance[(i, i)].max(0.0).sqrt());
+        let mut granted = self.granted;
+        if let Some(reference) = &self.reference {
+            let model = at_edge(&self.geometry, [MODEL_ERROR_PX; 4]);
+            for i in 0..4 {
+                values[i] -= reference.values[i];
+                granted[i] = reference.noise[i].powi(2) + model[i].powi(2);
+            }
+        }
+        let sigma = std::array::from_fn(|i| (noise[i] * noise[i] + granted[i]).sqrt());
+        Drift { values, sigma, noise, frames: self.frames, matches: self.matches }
     }
 
     /// Normal equations of one pair, weighted by Tukey's biweight about the pair's own best fit.
@@ -197,10 +224,95 @@ fn pattern(geometry: &RectifiedGeometry, found: &PointMatch) -> Vector4<f64> {
     Vector4::new(1.0 + v * v, -u * v, -u, v) * focal_px
 }
 
+/// Values whose vertical error at half the image's width and height is so many pixels.
+fn at_edge(geometry: &RectifiedGeometry, error_px: [f64; 4]) -> [f64; 4] {
+    let RectifiedGeometry { width, height, focal_px, .. } = *geometry;
+    let [u, v] = [width, height].map(|side| 0.5 * side as f64 / focal_px);
+    let reach = [1.0, u * v, u, v];
+    std::array::from_fn(|i| error_px[i] / (focal_px * reach[i]))
+}
+
+/// Variance of pitch, yaw, roll and zoom that a calibration's covariance implies: each parameter's effect on the rows of
+/// far points all over the view, projected on the four patterns. `None` without a covariance.
+fn variance_of_calibration(
+    geometry: &RectifiedGeometry,
+    calibration: &StereoCalibration,
+) -> Result<Option<[f64; 4]>> {
+    const GRID: usize = 7;
+    let Some(covariance) = &calibration.covariance else { return Ok(None) };
+    let frame = AlignedFrame::of(&calibration.right_from_left)?;
+    let mut normal = Matrix4::zeros();
+    let mut by_parameter = SMatrix::<f64, 4, { Parameter::COUNT }>::zeros();
+    let fraction = |k: usize| (k as f64 + 0.5) / GRID as f64;
+    let all_moved =
+        |share: f64| (0..Parameter::COUNT).map(|p| moved(calibration, p, share)).collect::<Result<Vec<_>>>();
+    let (below, above) = (all_moved(-0.5)?, all_moved(0.5)?);
+    for i in 0..GRID * GRID {
+        let [x, y] = [fraction(i % GRID) * geometry.width as f64, fraction(i / GRID) * geometry.height as f64];
+        let far = Vector3::new((x - geometry.cx_px) / geometry.focal_px, (y - geometry.cy_px) / geometry.focal_px, 1.0);
+        let pixel = |camera: &CameraModel, turn: &Matrix3<f64>| camera.project(turn.transpose() * far);
+        let (Some(left), Some(right)) = (
+            pixel(&calibration.left, &frame.aligned_from_left),
+            pixel(&calibration.right, &frame.aligned_from_right),
+        ) else {
+            continue;
+        };
+        let row = pattern(geometry, &PointMatch { left_px: [x, y], right_px: [x, y] });
+        normal += row * row.transpose();
+        for parameter in 0..Parameter::COUNT {
+            let vertical = |(rig, frame): &(StereoCalibration, AlignedFrame)| {
+                let left = frame.align_left(rig.left.normalised_from_pixel(left)?);
+                let right = frame.align_right(rig.right.normalised_from_pixel(right)?);
+                Some(geometry.focal_px * (right.y - left.y))
+            };
+            let (Some(a), Some(b)) = (vertical(&below[parameter]), vertical(&above[parameter])) else { continue };
+            let slope = (b - a) / step_of(parameter);
+            for k in 0..4 {
+                by_parameter[(k, parameter)] += row[k] * slope;
+            }
+        }
+    }
+    let Some(inverse) = normal.try_inverse() else { return Ok(None) };
+    let effect = inverse * by_parameter;
+    let variance = effect * covariance * effect.transpose();
+    Ok(Some(std::array::from_fn(|i| variance[(i, i)].max(0.0))))
+}
+
+/// A step of a parameter for central differences: pixels, 1, radians and metres are all of everyday size.
+fn step_of(parameter: usize) -> f64 {
+    let is_pixels = parameter % 9 < 4 && parameter < Parameter::RotationX as usize;
+    if is_pixels { 0.1 } else { 1e-5 }
+}
+
+/// The calibration with one parameter moved by `share` of its step, and its aligned frame.
+fn moved(calibration: &StereoCalibration, parameter: usize, share: f64) -> Result<(StereoCalibration, AlignedFrame)> {
+    let step = share * step_of(parameter);
+    let mut rig = calibration.clone();
+    let first_of_pose = Parameter::RotationX as usize;
+    if parameter < first_of_pose {
+        let camera = if parameter < 9 { &mut rig.left } else { &mut rig.right };
+        match parameter % 9 {
+            at @ (0 | 1) => camera.focal_px[at] += step,
+            at @ (2 | 3) => camera.center_px[at - 2] += step,
+            at => {
+                let mut coefficients = camera.distortion.to_array();
+                coefficients[at - 4] += step;
+                camera.distortion = Distortion::from_array(coefficients);
+            }
+        }
+    } else {
+        let mut motion = [Vector3::zeros(), Vector3::zeros()];
+        motion[(parameter - first_of_pose) / 3][(parameter - first_of_pose) % 3] = step;
+        rig.right_from_left = rig.right_from_left.moved(motion[0], motion[1]);
+    }
+    let frame = AlignedFrame::of(&rig.right_from_left)?;
+    Ok((rig, frame))
+}
+
 /// The calibration with the right camera turned as the drift says, and the uncertainty of that added.
 ///
-/// Angles that are not [significant](Drift::is_significant) stay as calibrated; their sigma is added all the same where it
-/// is finite and below what the angle can have moved unseen. The right camera's centre stays where it is.
+/// Values that are not [significant](Drift::is_significant) stay as calibrated; the noise of all is added to the
+/// covariance. The right camera's centre stays where it is.
 ///
 /// # Errors
 ///
@@ -224,13 +336,13 @@ pub fn realign(calibration: &StereoCalibration, drift: &Drift) -> Result<StereoC
     }
     corrected.epipolar_error_px = f64::NAN;
     if let Some(covariance) = &mut corrected.covariance {
-        let variance = nalgebra::Matrix3::from_diagonal(&Vector3::from_fn(|i, _| drift.sigma[i].powi(2)));
+        let variance = Matrix3::from_diagonal(&Vector3::from_fn(|i, _| drift.noise[i].powi(2)));
         let in_right = right_from_aligned * variance * right_from_aligned.transpose();
         let first = Parameter::RotationX as usize;
         let mut block = covariance.fixed_view_mut::<3, 3>(first, first);
         block += in_right;
         for (parameter, focal_px) in [Parameter::RightFx, Parameter::RightFy].into_iter().zip(corrected.right.focal_px) {
-            covariance[(parameter as usize, parameter as usize)] += (focal_px * drift.sigma[3]).powi(2);
+            covariance[(parameter as usize, parameter as usize)] += (focal_px * drift.noise[3]).powi(2);
         }
     }
     corrected.validate()?;

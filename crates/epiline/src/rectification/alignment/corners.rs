@@ -187,12 +187,20 @@ fn gradient_products(image: ImageRef<'_, u8>, y: usize, [xx, xy, yy]: &mut [Vec<
 }
 
 /// The smaller eigenvalue of the window around every pixel of a row whose window lies inside.
-fn smaller_eigenvalues([xx, xy, yy]: &[Vec<f32>; 3], strength: &mut [f32]) {
-    let inner = RADIUS..strength.len().saturating_sub(RADIUS);
-    let windows = xx.windows(WINDOW).zip(xy.windows(WINDOW)).zip(yy.windows(WINDOW));
-    let sum = |window: &[f32]| window.iter().sum::<f32>();
-    for (strength, ((xx, xy), yy)) in strength[inner].iter_mut().zip(windows) {
-        let (xx, xy, yy) = (sum(xx), sum(xy), sum(yy));
+fn smaller_eigenvalues(columns: &[Vec<f32>; 3], strength: &mut [f32]) {
+    let inner = strength.len().saturating_sub(2 * RADIUS);
+    // Equal lengths known beforehand: whole vectors at a time.
+    let [xx, xy, yy] = columns.each_ref().map(|column| -> [&[f32]; WINDOW] {
+        std::array::from_fn(|k| column.get(k..k + inner).unwrap_or_default())
+    });
+    if xx.iter().any(|part| part.len() != inner) {
+        return;
+    }
+    let sum = |c: &[&[f32]; WINDOW], i: usize| {
+        ((c[0][i] + c[1][i]) + (c[2][i] + c[3][i])) + ((c[4][i] + c[5][i]) + c[6][i])
+    };
+    for (i, strength) in strength[RADIUS..RADIUS + inner].iter_mut().enumerate() {
+        let (xx, xy, yy) = (sum(&xx, i), sum(&xy, i), sum(&yy, i));
         let half_difference = 0.5 * (xx - yy);
         *strength = 0.5 * (xx + yy) - (half_difference * half_difference + xy * xy).sqrt();
     }

@@ -58,7 +58,13 @@ impl Template {
         // Keeps gain and offset apart in single precision.
         let mean = gain.iter().sum::<f32>() / AREA as f32;
         gain.iter_mut().for_each(|level| *level -= mean);
-        let normal = Normal::from_fn(|i, j| dot(&columns[i], &columns[j]));
+        let mut normal = Normal::zeros();
+        for i in 0..UNKNOWNS {
+            for j in 0..=i {
+                normal[(i, j)] = dot(&columns[i], &columns[j]);
+                normal[(j, i)] = normal[(i, j)];
+            }
+        }
         Some(Self { normal: normal.cholesky()?, columns })
     }
 
@@ -124,17 +130,25 @@ fn interpolate(right: ImageRef<'_, u8>, start: [usize; 2], shift: [f32; 2]) -> [
         let first = (start[axis] - HALF - (TAPS / 2 - 1)).wrapping_add_signed(whole as isize);
         (first, lagrange_weights(shift[axis] - whole))
     });
+    // Tap by tap over whole rows, so that vectors of neighbours are summed at once.
     let mut rows = [[0f32; SIDE]; ROWS];
     for (row, y) in rows.iter_mut().zip(y..) {
-        let source = &right.row(y)[x..x + ROWS];
-        for (value, taps) in row.iter_mut().zip(source.windows(TAPS)) {
-            *value = across.iter().zip(taps).map(|(w, &tap)| w * f32::from(tap)).sum();
+        let levels: [f32; ROWS] = {
+            let source = &right.row(y)[x..x + ROWS];
+            std::array::from_fn(|i| f32::from(source[i]))
+        };
+        for (tap, weight) in across.iter().enumerate() {
+            for i in 0..SIDE {
+                row[i] += weight * levels[i + tap];
+            }
         }
     }
     let mut patch = [0f32; AREA];
     for (values, taps) in patch.chunks_exact_mut(SIDE).zip(rows.windows(TAPS)) {
-        for (x, value) in values.iter_mut().enumerate() {
-            *value = down.iter().zip(taps).map(|(w, row)| w * row[x]).sum();
+        for (weight, row) in down.iter().zip(taps) {
+            for i in 0..SIDE {
+                values[i] += weight * row[i];
+            }
         }
     }
     patch
