@@ -90,11 +90,13 @@ def score_turned_scenes(data: Path) -> None:
         height, width = images[0].shape[:2]
         K = np.array([[1.2 * width, 0, width / 2], [0, 1.2 * width, height / 2], [0, 0, 1]])
         H = [K @ cv2.Rodrigues(np.radians(random.uniform(-2, 2, 3)))[0] @ np.linalg.inv(K) for _ in images]
-        photographs = [cv2.warpPerspective(i, h, (width, height), flags=cv2.INTER_CUBIC) for i, h in zip(images, H)]
+        photographs = [
+            cv2.warpPerspective(i, h, (width, height), flags=cv2.INTER_CUBIC) for i, h in zip(images, H, strict=True)
+        ]
         truth = scene.truth
         y, x = np.nonzero(np.isfinite(truth) & scene.non_occluded)
         seen = np.column_stack([x, y]).astype(float), np.column_stack([x - truth[y, x], y]).astype(float)
-        raw = [cv2.perspectiveTransform(points[:, None], h)[:, 0] for points, h in zip(seen, H)]
+        raw = [cv2.perspectiveTransform(points[:, None], h)[:, 0] for points, h in zip(seen, H, strict=True)]
         begin = time.perf_counter()
         aligned = ep.align(*photographs)
         milliseconds.append(1e3 * (time.perf_counter() - begin))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 
@@ -37,6 +38,7 @@ def texture(seed: int, width: int = 640, height: int = 480) -> Image:
     return np.clip(128 + 60 * levels / np.std(levels) * 0.7, 0, 255).astype(np.uint8)
 
 
+@functools.cache
 def boxes_pair(turn_deg: tuple[float, float, float], seed: int = 5) -> tuple[Image, Image, ep.CameraModel, Floats]:
     """Textured squares at several depths before a wall, seen by two equal pinhole cameras: painted by homographies.
 
@@ -73,8 +75,9 @@ def boxes_pair(turn_deg: tuple[float, float, float], seed: int = 5) -> tuple[Ima
     return pair[0], pair[1], lens, np.concatenate(matches)
 
 
-@pytest.mark.parametrize("turn_deg", [(0.0, 0.0, 0.0), (1.5, 2.0, -1.0), (-2.0, -4.0, 3.0)])
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize(
+    ("turn_deg", "known"), [((1.5, 2.0, -1.0), True), ((-2.0, -4.0, 3.0), True), ((0.5, 1.5, 1.0), False)]
+)
 def test_rows_agree_where_the_truth_says(turn_deg: tuple[float, float, float], known: bool) -> None:
     left, right, lens, matches = boxes_pair(turn_deg)
     aligned = ep.align(left, right, lens if known else None)
@@ -82,18 +85,19 @@ def test_rows_agree_where_the_truth_says(turn_deg: tuple[float, float, float], k
     apart = np.abs(rows_apart_px(aligned, matches[:, :2], matches[:, 2:]))
     assert apart.mean() < (0.1 if known else 0.3)
     # Held-out error and sigma are of the size of the truth.
-    assert aligned.epipolar_error_px < 0.3 and aligned.sigma_px < 0.5
+    assert aligned.epipolar_error_px < 0.3
+    assert aligned.sigma_px < 0.5
     assert aligned.matches >= 100
 
 
 def test_the_aligned_images_are_aligned() -> None:
-    left, right, lens, _ = boxes_pair((1.5, 2.0, -1.0))
-    before = ep.alignment_error(left, right, max_offset_px=40)
+    left, right, lens, matches = boxes_pair((1.5, 2.0, -1.0))
     aligned = ep.align(left, right, lens)
     after = ep.alignment_error(
         aligned.left, aligned.right, left_valid=aligned.left_valid, right_valid=aligned.right_valid
     )
-    assert before.median_px > 5 and after.median_px < 0.2
+    assert np.median(np.abs(matches[:, 3] - matches[:, 1])) > 5
+    assert after.median_px < 0.2
     assert np.median(after.left_px[:, 0] - after.right_px[:, 0]) > 0
 
 
@@ -112,6 +116,10 @@ def plane_seen_twice() -> tuple[Image, Image]:
     return tuple(cv2.warpPerspective(poster, m, (640, 480)) for m in (shift, H @ shift))  # type: ignore[return-value]
 
 
+NAMES = "blank", "unrelated", "identical", "turned", "plane", "swapped", "mirrored", "upside down", "noise"
+
+
+@functools.cache
 def hopeless() -> dict[str, tuple[Image, Image]]:
     left, right, _, _ = boxes_pair((0.5, 1.0, -0.5))
     blank = np.full_like(left, 90)
@@ -128,12 +136,11 @@ def hopeless() -> dict[str, tuple[Image, Image]]:
     }
 
 
-@pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize("name", hopeless())
-def test_what_cannot_carry_an_alignment_is_not_trusted(name: str, known: bool) -> None:
+@pytest.mark.parametrize("name", [*NAMES, "plane, lens known", "turned, lens known"])
+def test_what_cannot_carry_an_alignment_is_not_trusted(name: str) -> None:
+    name, _, known = name.partition(", ")
     left, right = hopeless()[name]
-    lens = boxes_pair((0.0, 0.0, 0.0))[2] if known else None
-    aligned = ep.align(left, right, lens)
+    aligned = ep.align(left, right, boxes_pair((0.5, 1.0, -0.5))[2] if known else None)
     assert not aligned.trusted
     assert aligned.reason
     assert aligned.left.shape == left.shape
@@ -148,15 +155,17 @@ def test_bouguet_pairs_one_at_a_time(data: Path) -> None:
     observations = ep.find_boards(*names, ep.Chessboard(columns=9, rows=6, square_m=0.03))
     calibration = ep.calibrate(observations, held_out=False)
     known, raw, trusted = [], [], []
-    # Every fourth here; benchmarks/align_anchors.py prints all.
-    for view in observations.accepted[::4]:
+    # Every sixth here; benchmarks/align_anchors.py prints all.
+    for view in observations.accepted[::6]:
         pair = [cv2.imread(str(folder / n), cv2.IMREAD_GRAYSCALE) for n in (view.name_left, view.name_right)]
-        assert view.left_px is not None and view.right_px is not None
+        assert view.left_px is not None
+        assert view.right_px is not None
         for lens, errors in (((calibration.left, calibration.right), known), (None, raw)):
             aligned = ep.align(pair[0], pair[1], lens)
             errors.append(float(np.mean(np.abs(rows_apart_px(aligned, view.left_px, view.right_px)))))
         trusted.append(aligned.trusted)
-    assert np.median(known) < 0.182 and max(known) < 0.356
+    assert np.median(known) < 0.182
+    assert max(known) < 0.356
     assert all(error < 1 for error, good in zip(raw, trusted, strict=True) if good)
 
 
@@ -164,8 +173,8 @@ def test_arguments_are_checked() -> None:
     left, right, lens, _ = boxes_pair((0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="640x480 px"):
         ep.align(left, right[:-1])
+    small = ep.CameraModel(lens.camera_matrix, lens.distortion, width=320, height=240)
     with pytest.raises(ValueError, match="one size"):
-        small = ep.CameraModel(lens.camera_matrix, lens.distortion, width=320, height=240)
         ep.align(left, right, small)
     with pytest.raises(ValueError, match="lens"):
         ep.align(left, right, (lens, "lens"))  # type: ignore[arg-type]
@@ -185,7 +194,8 @@ def test_a_turned_camera_is_recognised_and_corrected(axis: str, degrees: float) 
         assert drift.axis == axis
         assert abs(np.degrees(drift.values[axis]) + degrees) < 0.2 * abs(degrees)
         again = drift_of(ep.realign(wrong, drift), pairs, reference=held)
-        assert abs(again.values[axis]) < 0.2 * abs(np.radians(degrees)) and again.axis is None
+        assert abs(again.values[axis]) < 0.2 * abs(np.radians(degrees))
+        assert again.axis is None
 
 
 def truth_calibration(rig: RenderedRig) -> ep.StereoCalibration:
@@ -228,12 +238,14 @@ def test_the_pipeline_reports_drift_and_realigns() -> None:
         pipe.realign()
     for left, right in pairs:
         result = pipe.process(left, right)
-    assert result.drift is not None and result.alignment is not None
+    assert result.drift is not None
+    assert result.alignment is not None
     assert result.drift.axis == "pitch"
     before = result.alignment.median_px
     corrected = pipe.realign()
     result = pipe.process(*pairs[0])
-    assert result.alignment is not None and result.drift is not None
+    assert result.alignment is not None
+    assert result.drift is not None
     assert result.alignment.median_px < 0.3 * before
     assert result.drift.frames == 1
     assert np.allclose(corrected.rotation @ corrected.rotation.T, np.eye(3), atol=1e-12)

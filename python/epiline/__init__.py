@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from epiline._align import align
 from epiline._core import (
     AlignmentError,
     CameraModel,
@@ -49,7 +50,6 @@ from epiline._core import (
     xsobel,
 )
 from epiline._operations import calibrate, match
-from epiline._align import align
 from epiline.targets.boards import Charuco, Chessboard
 
 if TYPE_CHECKING:

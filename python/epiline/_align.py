@@ -20,7 +20,9 @@ _MAX_TURN_DEG = 25.0
 _MAX_FEATURES = 4000
 
 
-def align(left: Image, right: Image, lens: CameraModel | tuple[CameraModel, CameraModel] | None = None) -> PairAlignment:
+def align(
+    left: Image, right: Image, lens: CameraModel | tuple[CameraModel, CameraModel] | None = None
+) -> PairAlignment:
     """Aligns a pair without calibration, from its own content.
 
     Features are matched, two cameras that explain the matches are estimated (turns only if the lenses are given, else

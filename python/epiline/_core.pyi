@@ -304,6 +304,7 @@ def align_candidates(
     right_px: ArrayLike,
     lens: tuple[CameraModel, CameraModel] | None = None,
 ) -> PairAlignment: ...
+
 @final
 class AlignmentError:
     @property

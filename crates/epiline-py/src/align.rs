@@ -156,7 +156,8 @@ fn align_candidates(
     let (left, right) = (grey_image("left", left)?, grey_image("right", right)?);
     let (left_px, right_px) = (rows_of::<2>("left_px", left_px)?, rows_of::<2>("right_px", right_px)?);
     if left_px.len() != right_px.len() {
-        let message = format!("{} left and {} right features: each needs its partner", left_px.len(), right_px.len());
+        let message =
+            format!("{} left and {} right features: each needs its partner", left_px.len(), right_px.len());
         return Err(pyo3::exceptions::PyValueError::new_err(message));
     }
     let candidates: Vec<_> = left_px.into_iter().zip(right_px).map(|(l, r)| [l, r]).collect();

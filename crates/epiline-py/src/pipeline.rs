@@ -14,10 +14,10 @@ use pyo3::types::PyDict;
 
 use crate::camera::PyStereoCalibration;
 use crate::convert::{OrRaise, grey_image, whole};
+use crate::drift::PyDrift;
 use crate::matching::{PyDisparityMap, PyStereoMatcher, parameters_dict};
 use crate::obstacles::PyObstacle;
 use crate::range::PyRangeImage;
-use crate::drift::PyDrift;
 use crate::rectification::{PyAlignmentError, PyRectifiedGeometry, PyRectifiedPair};
 use crate::regions::{PyRegion, PyRegionProfile, unwrap};
 

@@ -11,7 +11,8 @@ use crate::obstacles::{Obstacle, ObstacleFinder, ObstacleParams};
 use crate::preprocess::equalize_histogram;
 use crate::range::{RangeImage, Triangulation};
 use crate::rectification::{
-    AlignmentError, AlignmentMeter, AlignmentOptions, Drift, DriftMeter, RectifiedGeometry, Rectifier, realign,
+    AlignmentError, AlignmentMeter, AlignmentOptions, Drift, DriftMeter, RectifiedGeometry, Rectifier,
+    realign,
 };
 use crate::regions::{ProfileParams, Profiler, Region, RegionProfile};
 
@@ -250,7 +251,10 @@ impl Pipeline {
     /// [`Error::Degenerate`] for pairs that come aligned, and those of [`realign`]; the pipeline is as before then.
     pub fn realign(&mut self) -> Result<StereoCalibration> {
         let Some(calibration) = &self.calibration else {
-            return Err(Error::degenerate("realign", "the pairs come aligned; there is no calibration to correct"));
+            return Err(Error::degenerate(
+                "realign",
+                "the pairs come aligned; there is no calibration to correct",
+            ));
         };
         let corrected = realign(calibration, &self.drift.drift())?;
         *self = Self::for_cameras(&corrected, self.regions.clone(), self.params)?;

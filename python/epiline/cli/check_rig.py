@@ -41,8 +41,9 @@ def run(args: argparse.Namespace) -> None:
                 residuals.append(alignment_error(frame.left, frame.right))
             else:
                 pair = rectifier(frame.left, frame.right)
-                valid = {"left_valid": pair.left_valid, "right_valid": pair.right_valid}
-                residuals.append(alignment_error(pair.left, pair.right, **valid))
+                left_valid, right_valid = pair.left_valid, pair.right_valid
+                residual = alignment_error(pair.left, pair.right, left_valid=left_valid, right_valid=right_valid)
+                residuals.append(residual)
             advance()
     geometry = rig if rectifier is None else rectifier.geometry
     assert not isinstance(geometry, StereoCalibration)

@@ -62,7 +62,13 @@ const SIGNIFICANT: f64 = 3.5;
 
 impl Drift {
     /// Before any pair was seen.
-    pub const UNKNOWN: Self = Self { values: [0.0; 4], sigma: [f64::INFINITY; 4], noise: [f64::INFINITY; 4], frames: 0, matches: 0 };
+    pub const UNKNOWN: Self = Self {
+        values: [0.0; 4],
+        sigma: [f64::INFINITY; 4],
+        noise: [f64::INFINITY; 4],
+        frames: 0,
+        matches: 0,
+    };
 
     /// Whether this value is beyond doubt.
     pub fn is_significant(&self, axis: DriftAxis) -> bool {
@@ -197,7 +203,8 @@ impl DriftMeter {
     fn weighted(&mut self, matches: &[PointMatch], fit: &Vector4<f64>) -> (Matrix4<f64>, Vector4<f64>) {
         let geometry = self.geometry;
         self.residuals.clear();
-        self.residuals.extend(matches.iter().map(|m| (m.vertical_px() - pattern(&geometry, m).dot(fit)).abs()));
+        self.residuals
+            .extend(matches.iter().map(|m| (m.vertical_px() - pattern(&geometry, m).dot(fit)).abs()));
         let sigma = (1.4826 * super::alignment::median(&mut self.residuals)).max(LEAST_SIGMA_PX);
         let mut normal = Matrix4::zeros();
         let mut right_side = Vector4::zeros();
@@ -248,8 +255,13 @@ fn variance_of_calibration(
         |share: f64| (0..Parameter::COUNT).map(|p| moved(calibration, p, share)).collect::<Result<Vec<_>>>();
     let (below, above) = (all_moved(-0.5)?, all_moved(0.5)?);
     for i in 0..GRID * GRID {
-        let [x, y] = [fraction(i % GRID) * geometry.width as f64, fraction(i / GRID) * geometry.height as f64];
-        let far = Vector3::new((x - geometry.cx_px) / geometry.focal_px, (y - geometry.cy_px) / geometry.focal_px, 1.0);
+        let [x, y] =
+            [fraction(i % GRID) * geometry.width as f64, fraction(i / GRID) * geometry.height as f64];
+        let far = Vector3::new(
+            (x - geometry.cx_px) / geometry.focal_px,
+            (y - geometry.cy_px) / geometry.focal_px,
+            1.0,
+        );
         let pixel = |camera: &CameraModel, turn: &Matrix3<f64>| camera.project(turn.transpose() * far);
         let (Some(left), Some(right)) = (
             pixel(&calibration.left, &frame.aligned_from_left),
@@ -265,7 +277,9 @@ fn variance_of_calibration(
                 let right = frame.align_right(rig.right.normalised_from_pixel(right)?);
                 Some(geometry.focal_px * (right.y - left.y))
             };
-            let (Some(a), Some(b)) = (vertical(&below[parameter]), vertical(&above[parameter])) else { continue };
+            let (Some(a), Some(b)) = (vertical(&below[parameter]), vertical(&above[parameter])) else {
+                continue;
+            };
             let slope = (b - a) / step_of(parameter);
             for k in 0..4 {
                 by_parameter[(k, parameter)] += row[k] * slope;
@@ -285,7 +299,11 @@ fn step_of(parameter: usize) -> f64 {
 }
 
 /// The calibration with one parameter moved by `share` of its step, and its aligned frame.
-fn moved(calibration: &StereoCalibration, parameter: usize, share: f64) -> Result<(StereoCalibration, AlignedFrame)> {
+fn moved(
+    calibration: &StereoCalibration,
+    parameter: usize,
+    share: f64,
+) -> Result<(StereoCalibration, AlignedFrame)> {
     let step = share * step_of(parameter);
     let mut rig = calibration.clone();
     let first_of_pose = Parameter::RotationX as usize;
@@ -322,13 +340,15 @@ pub fn realign(calibration: &StereoCalibration, drift: &Drift) -> Result<StereoC
         return Err(Error::degenerate("realign", "no pair with enough matches was seen yet"));
     }
     let frame = AlignedFrame::of(&calibration.right_from_left)?;
-    let moved = DriftAxis::ALL.map(|axis| if drift.is_significant(axis) { drift.values[axis as usize] } else { 0.0 });
+    let moved =
+        DriftAxis::ALL.map(|axis| if drift.is_significant(axis) { drift.values[axis as usize] } else { 0.0 });
     let [pitch, yaw, roll, zoom] = moved;
     let turn = Rotation3::from_scaled_axis(Vector3::new(pitch, yaw, roll)).into_inner();
     let right_from_aligned = frame.aligned_from_right.transpose();
     // Rays of the turned camera are carried into the aligned frame by the turn, then by what was calibrated.
     let rotation = right_from_aligned * turn.transpose() * frame.aligned_from_left;
-    let right_center = -(calibration.right_from_left.rotation.transpose() * calibration.right_from_left.translation_m);
+    let right_center =
+        -(calibration.right_from_left.rotation.transpose() * calibration.right_from_left.translation_m);
     let mut corrected = calibration.clone();
     corrected.right_from_left = Pose { rotation, translation_m: -(rotation * right_center) };
     for focal_px in &mut corrected.right.focal_px {
@@ -341,7 +361,9 @@ pub fn realign(calibration: &StereoCalibration, drift: &Drift) -> Result<StereoC
         let first = Parameter::RotationX as usize;
         let mut block = covariance.fixed_view_mut::<3, 3>(first, first);
         block += in_right;
-        for (parameter, focal_px) in [Parameter::RightFx, Parameter::RightFy].into_iter().zip(corrected.right.focal_px) {
+        for (parameter, focal_px) in
+            [Parameter::RightFx, Parameter::RightFy].into_iter().zip(corrected.right.focal_px)
+        {
             covariance[(parameter as usize, parameter as usize)] += (focal_px * drift.noise[3]).powi(2);
         }
     }

@@ -16,7 +16,7 @@ pub const MIN_MATCHES: usize = 12;
 const QUICK: Effort = Effort {
     shrink: 2,
     probes_per_cell: 1,
-    spread: Spread { cells: 14, min_cell_px: 12, area_per_corner_px: 72 },
+    spread: Spread { cells: 20, min_cell_px: 12, area_per_corner_px: 72 },
 };
 /// Every corner that there is at full size.
 const THOROUGH: Effort = Effort {
@@ -183,19 +183,9 @@ impl AlignmentMeter {
         let reach = num_disparities.div_ceil(shrink) + slack;
         let rows = max_offset_px.div_ceil(shrink) + slack;
         let corner = &self.left.corners.found[probe];
-        let found = self.right.best_match(
-            &self.left.patches[probe],
-            corner,
-            [reach, slack],
-            rows,
-        )?;
+        let found = self.right.best_match(&self.left.patches[probe], corner, [reach, slack], rows)?;
         let there = &self.right.corners.found[found];
-        let back = self.left.best_match(
-            &self.right.patches[found],
-            there,
-            [slack, reach],
-            rows,
-        )?;
+        let back = self.left.best_match(&self.right.patches[found], there, [slack, reach], rows)?;
         if !self.left.corners.found[back].is_near(corner) {
             return None;
         }
@@ -294,7 +284,8 @@ impl View {
         // A patch must fit here, and the fit at full size there.
         corners.detect(image, valid, (refine::MARGIN / *shrink + 1).max(patch::HALF));
         patches.clear();
-        patches.extend(corners.found.iter().map(|c| Patch::around(image, usize::from(c.x), usize::from(c.y))));
+        patches
+            .extend(corners.found.iter().map(|c| Patch::around(image, usize::from(c.x), usize::from(c.y))));
     }
 
     /// The corner that looks most like `patch` within so many columns (to the left, to the right) and rows of

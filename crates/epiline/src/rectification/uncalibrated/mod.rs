@@ -21,6 +21,8 @@ use crate::image::{Image, ImageRef};
 
 /// Fewest candidates from which a first rig is sought.
 const MIN_CANDIDATES: usize = 16;
+/// Best first rigs from which every later fit starts, beside the last fit.
+const KEPT_STARTS: usize = 2;
 /// Times that matches are sought anew in the images aligned so far.
 const ROUNDS: usize = 2;
 /// Rows up and down that are looked at then, pixels.
@@ -59,7 +61,8 @@ impl PairAlignment {
     }
 
     fn refused(images: [ImageRef<'_, u8>; 2], cameras: Option<[CameraModel; 2]>, reason: String) -> Self {
-        let copy = |image: ImageRef<'_, u8>| Image::from_fn(image.width(), image.height(), |x, y| image.at(x, y));
+        let copy =
+            |image: ImageRef<'_, u8>| Image::from_fn(image.width(), image.height(), |x, y| image.at(x, y));
         Self {
             images: images.map(copy),
             valid: images.map(|i| Image::from_fn(i.width(), i.height(), |_, _| 255)),
@@ -123,6 +126,7 @@ pub fn align_pair(
     let proposals = consensus::propose(&model, &candidates, tolerance_px);
     let starts: Vec<Unknowns> = proposals.iter().map(|proposal| proposal.unknowns).collect();
     let mut fit = solver::fit_best(&model, &candidates, &starts, 1.5 * tolerance_px);
+    let starts = &starts[..starts.len().min(KEPT_STARTS)];
     let agreeing: Vec<Match> = within(&model.rig(&fit.unknowns), &candidates, tolerance_px);
     if agreeing.len() < MIN_CANDIDATES || 3 * agreeing.len() < candidates.len() {
         return refused(format!(
@@ -142,7 +146,7 @@ pub fn align_pair(
         matches = found;
     }
     let halves = [0, 1].map(|half| every_other(&matches, half));
-    let starts: Vec<Unknowns> = starts.into_iter().chain([fit.unknowns]).collect();
+    let starts: Vec<Unknowns> = starts.iter().copied().chain([fit.unknowns]).collect();
     let fits = halves.each_ref().map(|half| solver::fit_best(&model, half, &starts, tolerance_px).unknowns);
     let mut held_out: Vec<f64> = [(0, 1), (1, 0)]
         .into_iter()
@@ -200,8 +204,7 @@ fn rematch(
     let mut meter = AlignmentMeter::thorough(options)?;
     let aligned = [left.view(), right.view()];
     let valid = [left_valid.view(), right_valid.view()];
-    let mut found =
-        meter.measure(aligned[0], aligned[1], Some(valid[0]), Some(valid[1]))?.matches.clone();
+    let mut found = meter.measure(aligned[0], aligned[1], Some(valid[0]), Some(valid[1]))?.matches.clone();
     for feature in features {
         let Some(start) = view.in_aligned(feature) else { continue };
         let is_same = |m: &PointMatch| (0..2).all(|i| (m.left_px[i] - start[0][i]).abs() < SAME_FEATURE_PX);

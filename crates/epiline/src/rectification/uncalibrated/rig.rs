@@ -123,7 +123,11 @@ impl Lenses {
                 CameraModel {
                     focal_px: [focal, focal],
                     center_px: [unknowns[CENTERS[side]], unknowns[CENTERS[side] + 1]],
-                    distortion: Distortion { k1: bend2 * unit, k2: bend4 * unit * unit, ..Default::default() },
+                    distortion: Distortion {
+                        k1: bend2 * unit,
+                        k2: bend4 * unit * unit,
+                        ..Default::default()
+                    },
                     width,
                     height,
                 }
@@ -131,7 +135,8 @@ impl Lenses {
         };
         let [pitch, left_yaw, left_roll, right_yaw, right_roll] =
             [unknowns[0], unknowns[1], unknowns[2], unknowns[3], unknowns[4]];
-        let turns = [Turn::new(-0.5 * pitch, left_yaw, left_roll), Turn::new(0.5 * pitch, right_yaw, right_roll)];
+        let turns =
+            [Turn::new(-0.5 * pitch, left_yaw, left_roll), Turn::new(0.5 * pitch, right_yaw, right_roll)];
         Rig { cameras, turns, focal_px: focal_of(&cameras) }
     }
 }
@@ -151,9 +156,8 @@ pub(super) struct Turn {
 
 impl Turn {
     fn new(pitch: f64, yaw: f64, roll: f64) -> Self {
-        let about = |axis: Vector3<f64>, angle: f64| {
-            nalgebra::Rotation3::from_scaled_axis(axis * angle).into_inner()
-        };
+        let about =
+            |axis: Vector3<f64>, angle: f64| nalgebra::Rotation3::from_scaled_axis(axis * angle).into_inner();
         let [ex, ey, ez] = [Vector3::x(), Vector3::y(), Vector3::z()];
         let (rx, ry, rz) = (about(ex, pitch), about(ey, yaw), about(ez, roll));
         let rotation = rx * rz * ry;
@@ -198,7 +202,8 @@ impl Rig {
         let ray = self.turns[side].rotation.transpose() * aligned.push(1.0);
         let ideal = ray.xy() / ray.z;
         let camera = &self.cameras[side];
-        (ray.z > LEAST_Z && camera.distortion.is_monotonic_at(ideal)).then(|| camera.pixel_from_normalised(ideal))
+        (ray.z > LEAST_Z && camera.distortion.is_monotonic_at(ideal))
+            .then(|| camera.pixel_from_normalised(ideal))
     }
 
     /// Vertical disparity after alignment, `y_right - y_left`, pixels of the aligned images.
@@ -208,7 +213,12 @@ impl Rig {
     }
 
     /// Vertical disparity and its derivative by the unknowns; those of the lenses are zero if `free` is [`ANGLES`].
-    pub fn vertical_and_gradient(&self, points: &Match, free: usize, reference_px: f64) -> Option<(f64, Gradient)> {
+    pub fn vertical_and_gradient(
+        &self,
+        points: &Match,
+        free: usize,
+        reference_px: f64,
+    ) -> Option<(f64, Gradient)> {
         let mut gradient = Gradient::zeros();
         let mut vertical = 0.0;
         for (side, sign) in [(0, -1.0), (1, 1.0)] {
@@ -268,8 +278,7 @@ fn ideal_by_lens(camera: &CameraModel, ideal: Vector2<f64>, reference_px: f64) -
     let r2 = ideal.norm_squared();
     let (by_k1, by_k2) = (ideal * r2, ideal * r2 * r2);
     // k1 = bend·(f/ρ)² and k2 = bend4·(f/ρ)⁴ move with the focal length too.
-    let by_log_focal =
-        -distorted - by_k1 * (2.0 * distortion.k1) - by_k2 * (4.0 * distortion.k2);
+    let by_log_focal = -distorted - by_k1 * (2.0 * distortion.k1) - by_k2 * (4.0 * distortion.k2);
     let right_side = Matrix2x5::from_columns(&[
         by_log_focal,
         Vector2::new(-1.0 / focal, 0.0),
@@ -288,8 +297,7 @@ mod tests {
     fn gradient_matches_central_differences() {
         let lenses = Lenses::Unknown { width: 640, height: 480 };
         let mut at = lenses.prior().mean;
-        let offsets =
-            [0.02, -0.05, 0.03, 0.04, -0.02, -0.1, 0.01, 5.0, -7.0, 3.0, 9.0, -0.03, 0.004, 0.01];
+        let offsets = [0.02, -0.05, 0.03, 0.04, -0.02, -0.1, 0.01, 5.0, -7.0, 3.0, 9.0, -0.03, 0.004, 0.01];
         for (value, offset) in at.iter_mut().zip(offsets) {
             *value += offset;
         }
@@ -303,7 +311,11 @@ mod tests {
                 lenses.rig(&moved).vertical_px(&points).expect("in view")
             };
             let numeric = (moved(1.0) - moved(-1.0)) / (2.0 * h);
-            assert!((numeric - gradient[i]).abs() < 1e-5 * numeric.abs().max(1.0), "{i}: {numeric} {}", gradient[i]);
+            assert!(
+                (numeric - gradient[i]).abs() < 1e-5 * numeric.abs().max(1.0),
+                "{i}: {numeric} {}",
+                gradient[i]
+            );
         }
     }
 }

@@ -21,12 +21,14 @@ pub(super) struct Fit {
 /// Rounds of the robust fit; in each the cutoff follows the residuals' spread.
 const ROUNDS: usize = 12;
 const STEPS_PER_ROUND: usize = 3;
+/// A round that moves no unknown by more than this share of its prior's sigma is the last.
+const SETTLED: f64 = 1e-5;
 /// A residual of this many standard deviations no longer counts.
 const CUTOFF_SIGMAS: f64 = 4.0;
 /// No match is known better than this, pixels: the floor under the noise that the residuals show.
 const LEAST_SIGMA_PX: f64 = 0.05;
 
-/// Geman's and McClure's redescending weight: `(1 - (r/cutoff)²)²` inside the cutoff (Tukey's biweight), 0 outside.
+/// Tukey's biweight: `(1 - (r/cutoff)²)²` inside the cutoff, 0 outside.
 fn weight(residual: f64, cutoff: f64) -> f64 {
     let t = residual / cutoff;
     if t.abs() >= 1.0 { 0.0 } else { (1.0 - t * t).powi(2) }
@@ -40,6 +42,7 @@ pub(super) fn fit(lenses: &Lenses, matches: &[Match], start: &Unknowns, cutoff_p
     let mut cutoff = cutoff_px;
     let mut sigma = cutoff_px / CUTOFF_SIGMAS;
     for _ in 0..ROUNDS {
+        let before = (unknowns, cutoff);
         for _ in 0..STEPS_PER_ROUND {
             unknowns = step(lenses, &prior, matches, &unknowns, sigma, cutoff);
         }
@@ -57,9 +60,14 @@ pub(super) fn fit(lenses: &Lenses, matches: &[Match], start: &Unknowns, cutoff_p
         sigma = spread.max(LEAST_SIGMA_PX);
         // No faster than by half: a cutoff that runs ahead of the fit locks onto a part of the matches.
         cutoff = (CUTOFF_SIGMAS * sigma).clamp(0.5 * cutoff, cutoff);
+        let change = (unknowns - before.0).component_div(&prior.sigma).abs().max();
+        if change < SETTLED && cutoff > 0.99 * before.1 {
+            break;
+        }
     }
     let (normal, _) = normal_equations(lenses, &prior, matches, &unknowns, sigma, cutoff);
-    let covariance = Cholesky::new(normal).map_or_else(|| Square::from_diagonal(&prior.sigma.map(|s| s * s)), |c| c.inverse());
+    let covariance = Cholesky::new(normal)
+        .map_or_else(|| Square::from_diagonal(&prior.sigma.map(|s| s * s)), |c| c.inverse());
     Fit { unknowns, sigma_px: sigma, cutoff_px: cutoff, covariance }
 }
 
@@ -79,7 +87,8 @@ pub(super) fn fit_sample(lenses: &Lenses, sample: &[Match], start: &Unknowns) ->
     let prior = lenses.prior();
     let mut unknowns = *start;
     for _ in 0..4 {
-        let (mut normal, mut descent) = normal_equations(lenses, &prior, sample, &unknowns, 1.0, f64::INFINITY);
+        let (mut normal, mut descent) =
+            normal_equations(lenses, &prior, sample, &unknowns, 1.0, f64::INFINITY);
         hold(&mut normal, &mut descent, super::rig::ANGLES);
         if let Some(change) = Cholesky::new(normal).map(|c| c.solve(&descent)) {
             unknowns += change;

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::consensus::Random;
-use super::rig::{Lenses, Match, Rig, Unknowns};
+use super::rig::{Gradient, Lenses, Match, Rig, Unknowns};
 use super::solver::Fit;
 
 /// Largest error that a trusted alignment may have somewhere in the view, by its own account, pixels.
@@ -18,8 +18,10 @@ pub(super) const MIN_MATCHES: usize = 30;
 const MIN_OFF_PLANE: usize = 12;
 /// Least share of the matches found in the aligned images that must lie on their rows.
 const MIN_INLIER_SHARE: f64 = 0.5;
-/// Least share of matches that must lie in front of both cameras.
-const MIN_IN_FRONT: f64 = 0.9;
+/// Least share of matches that must lie in front of both cameras, and the largest that may lie behind beyond the doubt about
+/// where infinity is: with unknown lenses that is many pixels.
+const MIN_IN_FRONT: f64 = 0.6;
+const MAX_SURELY_BEHIND: f64 = 0.1;
 /// Rows and columns of the grid on which errors are predicted, and of that on which coverage is counted.
 const GRID: usize = 8;
 const COVERAGE_GRID: usize = 6;
@@ -51,11 +53,8 @@ pub(super) fn judge(evidence: &Evidence<'_>) -> Verdict {
     let rig = lenses.rig(&fit.unknowns);
     let inliers: Vec<&Match> =
         matches.iter().filter(|m| rig.vertical_px(m).is_some_and(|r| r.abs() < fit.cutoff_px)).collect();
-    let aligned: Vec<[Vector2<f64>; 2]> = inliers
-        .iter()
-        .filter_map(|m| rig.align(m))
-        .map(|points| points.map(|p| p * rig.focal_px))
-        .collect();
+    let aligned: Vec<[Vector2<f64>; 2]> =
+        inliers.iter().filter_map(|m| rig.align(m)).map(|points| points.map(|p| p * rig.focal_px)).collect();
     let mut reasons = Vec::new();
     if inliers.len() < MIN_MATCHES {
         reasons.push(format!("too few matches: {} (at least {MIN_MATCHES} needed)", inliers.len()));
@@ -69,10 +68,14 @@ pub(super) fn judge(evidence: &Evidence<'_>) -> Verdict {
             matches.len()
         ));
     }
-    let in_front = aligned.iter().filter(|[l, r]| l.x > r.x).count() as f64 / aligned.len() as f64;
-    if in_front < 1.0 - MIN_IN_FRONT {
+    let doubt_px = 2.0 * infinity_sigma_px(lenses, fit, &inliers);
+    let share = |condition: &dyn Fn(f64) -> bool| {
+        aligned.iter().filter(|[l, r]| condition(l.x - r.x)).count() as f64 / aligned.len() as f64
+    };
+    let (in_front, surely_behind) = (share(&|d| d > 0.0), share(&|d| d < -doubt_px));
+    if in_front < MAX_SURELY_BEHIND {
         reasons.push("left and right look swapped: the scene would lie behind the cameras".into());
-    } else if in_front < MIN_IN_FRONT {
+    } else if in_front < MIN_IN_FRONT || surely_behind > MAX_SURELY_BEHIND {
         reasons.push(format!(
             "{:.0} % of the matches would lie behind the cameras: a mirrored picture, or swapped or converging cameras",
             100.0 * (1.0 - in_front)
@@ -141,6 +144,27 @@ fn predicted_sigma_px(lenses: &Lenses, fit: &Fit, probes: &[Match]) -> f64 {
     upper_tenth(probes.iter().filter_map(sigma).collect())
 }
 
+/// Standard deviation of the disparity of infinity, pixels: of where a match lies along its row.
+fn infinity_sigma_px(lenses: &Lenses, fit: &Fit, inliers: &[&Match]) -> f64 {
+    let step = lenses.prior().sigma * 1e-4;
+    let disparity = |unknowns: &Unknowns, points: &Match| {
+        let rig = lenses.rig(unknowns);
+        rig.align(points).map(|[l, r]| rig.focal_px * (l.x - r.x))
+    };
+    let sigma = |points: &Match| {
+        let mut gradient = Gradient::zeros();
+        for i in 0..lenses.free() {
+            let [mut below, mut above] = [fit.unknowns; 2];
+            (below[i], above[i]) = (below[i] - step[i], above[i] + step[i]);
+            gradient[i] = (disparity(&above, points)? - disparity(&below, points)?) / (2.0 * step[i]);
+        }
+        Some((gradient * fit.covariance * gradient.transpose())[0].max(0.0).sqrt())
+    };
+    let some = inliers.iter().step_by(inliers.len().div_ceil(20));
+    let mut sigmas: Vec<f64> = some.filter_map(|points| sigma(points)).collect();
+    super::median(&mut sigmas)
+}
+
 /// What nine tenths of the probes stay below: how far apart two rigs put their rows, pixels.
 fn difference_px(lenses: &Lenses, rigs: [&Unknowns; 2], probes: &[Match]) -> f64 {
     let [a, b] = rigs.map(|unknowns| lenses.rig(unknowns));
@@ -160,7 +184,8 @@ fn upper_tenth(mut values: Vec<f64>) -> f64 {
 fn coverage(inliers: &[&Match], size: [usize; 2]) -> f64 {
     let mut seen = [false; COVERAGE_GRID * COVERAGE_GRID];
     for [left, _] in inliers {
-        let cell = |v: f64, side: usize| ((v / side as f64 * COVERAGE_GRID as f64) as usize).min(COVERAGE_GRID - 1);
+        let cell =
+            |v: f64, side: usize| ((v / side as f64 * COVERAGE_GRID as f64) as usize).min(COVERAGE_GRID - 1);
         seen[cell(left.y, size[1]) * COVERAGE_GRID + cell(left.x, size[0])] = true;
     }
     seen.iter().filter(|&&s| s).count() as f64 / seen.len() as f64

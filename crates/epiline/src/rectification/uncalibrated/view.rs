@@ -67,9 +67,8 @@ impl View {
         let pinhole = |focal: [f64; 2], center: [f64; 2]| {
             Matrix3::new(focal[0], 0.0, center[0], 0.0, focal[1], center[1], 0.0, 0.0, 1.0)
         };
-        let to_rays = pinhole(camera.focal_px, camera.center_px)
-            .try_inverse()
-            .expect("focal lengths are positive");
+        let to_rays =
+            pinhole(camera.focal_px, camera.center_px).try_inverse().expect("focal lengths are positive");
         pinhole([self.rig.focal_px; 2], self.center_px[side]) * self.rig.turns[side].rotation * to_rays
     }
 }
