@@ -114,7 +114,7 @@ def score_refusals(data: Path) -> None:
     print("\nmade hopeless, nothing known")
     scenes = list(load_scenes(data))
     counts: dict[str, list[bool]] = {}
-    for scene, other in zip(scenes, scenes[1:] + scenes[:1], strict=True):
+    for scene, other in zip(scenes, scenes[13:] + scenes[:13], strict=True):
         left, right = (ep.grey(np.ascontiguousarray(i)) for i in (scene.left, scene.right))
         size = left.shape[::-1]
         K = np.array([[1.2 * size[0], 0, size[0] / 2], [0, 1.2 * size[0], size[1] / 2], [0, 0, 1]])

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::consensus::Random;
-use super::rig::{Gradient, Lenses, Match, Rig, Unknowns};
+use super::rig::{ANGLES, Gradient, Lenses, Match, Rig, Unknowns};
 use super::solver::Fit;
 
 /// Largest error that a trusted alignment may have somewhere in the view, by its own account, pixels.
@@ -73,8 +73,17 @@ pub(super) fn judge(evidence: &Evidence<'_>) -> Verdict {
         aligned.iter().filter(|[l, r]| condition(l.x - r.x)).count() as f64 / aligned.len() as f64
     };
     let (in_front, surely_behind) = (share(&|d| d > 0.0), share(&|d| d < -doubt_px));
+    // Without a lens the infinity of the photographs is unknown; side by side, cameras see things farther left in the
+    // right image unless they converge in front of them.
+    let mut shifts: Vec<f64> = inliers.iter().map(|[l, r]| l.x - r.x).collect();
+    let reversed = lenses.free() > ANGLES && super::median(&mut shifts) <= 0.0;
     if in_front < MAX_SURELY_BEHIND {
         reasons.push("left and right look swapped: the scene would lie behind the cameras".into());
+    } else if reversed {
+        reasons.push(
+            "left and right look swapped, or the cameras converge in front of the scene: only a known lens can tell"
+                .into(),
+        );
     } else if in_front < MIN_IN_FRONT || surely_behind > MAX_SURELY_BEHIND {
         reasons.push(format!(
             "{:.0} % of the matches would lie behind the cameras: a mirrored picture, or swapped or converging cameras",
