@@ -24,7 +24,7 @@ impl StereoCalibration {
     }
 
     /// First parameter of the right camera, first of the pose, and their number.
-    fn layout(&self) -> [usize; 3] {
+    pub(crate) fn layout(&self) -> [usize; 3] {
         let right = PINHOLE + self.left.lens.coefficient_names().len();
         let pose = right + PINHOLE + self.right.lens.coefficient_names().len();
         [right, pose, pose + Self::POSE_PARAMETERS.len()]
@@ -111,7 +111,7 @@ impl StereoCalibration {
     }
 
     /// The rig with one parameter moved, in the order and sense of [`parameter_names`](Self::parameter_names).
-    fn perturbed(&self, parameter: usize, amount: f64) -> Self {
+    pub(crate) fn perturbed(&self, parameter: usize, amount: f64) -> Self {
         let [right, pose, _] = self.layout();
         let mut moved = Self { covariance: None, views: Vec::new(), ..*self };
         if parameter < right {
@@ -128,7 +128,7 @@ impl StereoCalibration {
     }
 
     /// Step of a central difference: pixels, coefficients, radians and metres.
-    fn step_of(&self, parameter: usize) -> f64 {
+    pub(crate) fn step_of(&self, parameter: usize) -> f64 {
         let [right, pose, _] = self.layout();
         let of_camera = if parameter < right { parameter } else { parameter - right };
         if parameter < pose && of_camera < PINHOLE { 1e-3 } else { 1e-6 }

@@ -1,10 +1,10 @@
 //! A rig that no longer points as it was calibrated: which angle moved, by how much, and how sure that is.
 
-use nalgebra::{Matrix3, Matrix4, Rotation3, SMatrix, Vector3, Vector4};
+use nalgebra::{Matrix3, Matrix4, Matrix4xX, Rotation3, Vector2, Vector3, Vector4};
 
 use super::alignment::PointMatch;
 use super::geometry::RectifiedGeometry;
-use crate::camera::{AlignedFrame, CameraModel, Distortion, Parameter, Pose, StereoCalibration};
+use crate::camera::{AlignedFrame, CameraView, Pose, StereoCalibration};
 use crate::error::{Error, Result};
 
 /// What can have moved, in the order of [`Drift::values`].
@@ -249,11 +249,15 @@ fn variance_of_calibration(
     let Some(covariance) = &calibration.covariance else { return Ok(None) };
     let frame = AlignedFrame::of(&calibration.right_from_left)?;
     let mut normal = Matrix4::zeros();
-    let mut by_parameter = SMatrix::<f64, 4, { Parameter::COUNT }>::zeros();
+    let parameters = covariance.nrows();
+    let mut by_parameter = Matrix4xX::zeros(parameters);
     let fraction = |k: usize| (k as f64 + 0.5) / GRID as f64;
-    let all_moved =
-        |share: f64| (0..Parameter::COUNT).map(|p| moved(calibration, p, share)).collect::<Result<Vec<_>>>();
-    let (below, above) = (all_moved(-0.5)?, all_moved(0.5)?);
+    let all_moved = |sign: f64| -> Result<Vec<MovedRig>> {
+        (0..parameters)
+            .map(|p| MovedRig::new(&calibration.perturbed(p, sign * calibration.step_of(p))))
+            .collect()
+    };
+    let (below, above) = (all_moved(-1.0)?, all_moved(1.0)?);
     for i in 0..GRID * GRID {
         let [x, y] =
             [fraction(i % GRID) * geometry.width as f64, fraction(i / GRID) * geometry.height as f64];
@@ -262,25 +266,21 @@ fn variance_of_calibration(
             (y - geometry.cy_px) / geometry.focal_px,
             1.0,
         );
-        let pixel = |camera: &CameraModel, turn: &Matrix3<f64>| camera.project(turn.transpose() * far);
+        let pixel = |camera: &CameraView, turn: &Matrix3<f64>| camera.project(&(turn.transpose() * far));
         let (Some(left), Some(right)) = (
-            pixel(&calibration.left, &frame.aligned_from_left),
-            pixel(&calibration.right, &frame.aligned_from_right),
+            pixel(&calibration.left.view(), &frame.aligned_from_left),
+            pixel(&calibration.right.view(), &frame.aligned_from_right),
         ) else {
             continue;
         };
         let row = pattern(geometry, &PointMatch { left_px: [x, y], right_px: [x, y] });
         normal += row * row.transpose();
-        for parameter in 0..Parameter::COUNT {
-            let vertical = |(rig, frame): &(StereoCalibration, AlignedFrame)| {
-                let left = frame.align_left(rig.left.normalised_from_pixel(left)?);
-                let right = frame.align_right(rig.right.normalised_from_pixel(right)?);
-                Some(geometry.focal_px * (right.y - left.y))
-            };
+        for parameter in 0..parameters {
+            let vertical = |rig: &MovedRig| Some(geometry.focal_px * rig.row_difference(left, right)?);
             let (Some(a), Some(b)) = (vertical(&below[parameter]), vertical(&above[parameter])) else {
                 continue;
             };
-            let slope = (b - a) / step_of(parameter);
+            let slope = (b - a) / (2.0 * calibration.step_of(parameter));
             for k in 0..4 {
                 by_parameter[(k, parameter)] += row[k] * slope;
             }
@@ -288,43 +288,32 @@ fn variance_of_calibration(
     }
     let Some(inverse) = normal.try_inverse() else { return Ok(None) };
     let effect = inverse * by_parameter;
-    let variance = effect * covariance * effect.transpose();
+    let variance = &effect * covariance * effect.transpose();
     Ok(Some(std::array::from_fn(|i| variance[(i, i)].max(0.0))))
 }
 
-/// A step of a parameter for central differences: pixels, 1, radians and metres are all of everyday size.
-fn step_of(parameter: usize) -> f64 {
-    let is_pixels = parameter % 9 < 4 && parameter < Parameter::RotationX as usize;
-    if is_pixels { 0.1 } else { 1e-5 }
+/// A rig with one parameter moved, and its aligned frame.
+struct MovedRig {
+    left: CameraView,
+    right: CameraView,
+    frame: AlignedFrame,
 }
 
-/// The calibration with one parameter moved by `share` of its step, and its aligned frame.
-fn moved(
-    calibration: &StereoCalibration,
-    parameter: usize,
-    share: f64,
-) -> Result<(StereoCalibration, AlignedFrame)> {
-    let step = share * step_of(parameter);
-    let mut rig = calibration.clone();
-    let first_of_pose = Parameter::RotationX as usize;
-    if parameter < first_of_pose {
-        let camera = if parameter < 9 { &mut rig.left } else { &mut rig.right };
-        match parameter % 9 {
-            at @ (0 | 1) => camera.focal_px[at] += step,
-            at @ (2 | 3) => camera.center_px[at - 2] += step,
-            at => {
-                let mut coefficients = camera.distortion.to_array();
-                coefficients[at - 4] += step;
-                camera.distortion = Distortion::from_array(coefficients);
-            }
-        }
-    } else {
-        let mut motion = [Vector3::zeros(), Vector3::zeros()];
-        motion[(parameter - first_of_pose) / 3][(parameter - first_of_pose) % 3] = step;
-        rig.right_from_left = rig.right_from_left.moved(motion[0], motion[1]);
+impl MovedRig {
+    fn new(rig: &StereoCalibration) -> Result<Self> {
+        Ok(Self {
+            left: rig.left.view(),
+            right: rig.right.view(),
+            frame: AlignedFrame::of(&rig.right_from_left)?,
+        })
     }
-    let frame = AlignedFrame::of(&rig.right_from_left)?;
-    Ok((rig, frame))
+
+    /// `y_right - y_left` of two pixels, aligned and normalised by the focal length.
+    fn row_difference(&self, left: Vector2<f64>, right: Vector2<f64>) -> Option<f64> {
+        let left = self.frame.align_left(self.left.normalised_from_pixel(left)?);
+        let right = self.frame.align_right(self.right.normalised_from_pixel(right)?);
+        Some(right.y - left.y)
+    }
 }
 
 /// The calibration with the right camera turned as the drift says, and the uncertainty of that added.
@@ -358,13 +347,12 @@ pub fn realign(calibration: &StereoCalibration, drift: &Drift) -> Result<StereoC
     if let Some(covariance) = &mut corrected.covariance {
         let variance = Matrix3::from_diagonal(&Vector3::from_fn(|i, _| drift.noise[i].powi(2)));
         let in_right = right_from_aligned * variance * right_from_aligned.transpose();
-        let first = Parameter::RotationX as usize;
-        let mut block = covariance.fixed_view_mut::<3, 3>(first, first);
+        let [right, pose, _] = calibration.layout();
+        let mut block = covariance.fixed_view_mut::<3, 3>(pose, pose);
         block += in_right;
-        for (parameter, focal_px) in
-            [Parameter::RightFx, Parameter::RightFy].into_iter().zip(corrected.right.focal_px)
-        {
-            covariance[(parameter as usize, parameter as usize)] += (focal_px * drift.noise[3]).powi(2);
+        // A camera's parameters begin with its focal lengths.
+        for (parameter, focal_px) in (right..).zip(corrected.right.focal_px) {
+            covariance[(parameter, parameter)] += (focal_px * drift.noise[3]).powi(2);
         }
     }
     corrected.validate()?;

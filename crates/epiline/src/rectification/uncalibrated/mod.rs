@@ -171,7 +171,7 @@ pub fn align_pair(
         images: [left, right],
         valid: [left_valid, right_valid],
         homographies: [view.homography(0), view.homography(1)],
-        cameras: Some(rig.cameras),
+        cameras: Some(rig.cameras.map(|view| *view.camera())),
         aligned_from_camera: rig.turns.map(|turn| turn.rotation),
         epipolar_error_px,
         sigma_px: verdict.sigma_px,

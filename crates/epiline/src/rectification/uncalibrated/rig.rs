@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2x5, Matrix3, RowSVector, SVector, Vector2, Vector3};
 
-use crate::camera::{CameraModel, Distortion};
+use crate::camera::{Brown, CameraModel, CameraView, Lens};
 
 /// Two image points of one scene point: left, right, pixels of the photographs.
 pub(super) type Match = [Vector2<f64>; 2];
@@ -38,6 +38,7 @@ pub(super) struct Prior {
 }
 
 /// The lenses, or what stands in for them.
+#[expect(clippy::large_enum_variant, reason = "one exists at a time")]
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Lenses {
     /// Calibrated: only the angles are solved for.
@@ -123,11 +124,7 @@ impl Lenses {
                 CameraModel {
                     focal_px: [focal, focal],
                     center_px: [unknowns[CENTERS[side]], unknowns[CENTERS[side] + 1]],
-                    distortion: Distortion {
-                        k1: bend2 * unit,
-                        k2: bend4 * unit * unit,
-                        ..Default::default()
-                    },
+                    lens: Brown { k1: bend2 * unit, k2: bend4 * unit * unit, ..Brown::default() }.into(),
                     width,
                     height,
                 }
@@ -137,7 +134,7 @@ impl Lenses {
             [unknowns[0], unknowns[1], unknowns[2], unknowns[3], unknowns[4]];
         let turns =
             [Turn::new(-0.5 * pitch, left_yaw, left_roll), Turn::new(0.5 * pitch, right_yaw, right_roll)];
-        Rig { cameras, turns, focal_px: focal_of(&cameras) }
+        Rig { cameras: cameras.map(|camera| camera.view()), turns, focal_px: focal_of(&cameras) }
     }
 }
 
@@ -173,7 +170,7 @@ impl Turn {
 /// Two cameras and how each is turned into the frame in which epipolar lines are rows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rig {
-    pub cameras: [CameraModel; 2],
+    pub cameras: [CameraView; 2],
     pub turns: [Turn; 2],
     pub focal_px: f64,
 }
@@ -200,10 +197,7 @@ impl Rig {
     /// The photograph's pixel at an aligned normalised position; `None` where the lens model folds.
     pub fn pixel_of(&self, side: usize, aligned: Vector2<f64>) -> Option<Vector2<f64>> {
         let ray = self.turns[side].rotation.transpose() * aligned.push(1.0);
-        let ideal = ray.xy() / ray.z;
-        let camera = &self.cameras[side];
-        (ray.z > LEAST_Z && camera.distortion.is_monotonic_at(ideal))
-            .then(|| camera.pixel_from_normalised(ideal))
+        if ray.z > LEAST_Z { self.cameras[side].project(&ray) } else { None }
     }
 
     /// Vertical disparity after alignment, `y_right - y_left`, pixels of the aligned images.
@@ -240,7 +234,8 @@ impl Rig {
             gradient[2 + 2 * side] = by_angle[2];
             if free > ANGLES {
                 let row = turn.rotation.row(1) - y * turn.rotation.row(2);
-                let by_lens = scale * row.columns(0, 2) * ideal_by_lens(camera, ideal, reference_px)?;
+                let by_lens =
+                    scale * row.columns(0, 2) * ideal_by_lens(camera.camera(), ideal, reference_px)?;
                 let half = 0.5 * sign;
                 gradient[LOG_FOCAL] += by_lens[0] + sign * self.focal_px * y;
                 gradient[LOG_RATIO] += half * by_lens[0];
@@ -273,7 +268,8 @@ impl Lenses {
 fn ideal_by_lens(camera: &CameraModel, ideal: Vector2<f64>, reference_px: f64) -> Option<Matrix2x5<f64>> {
     let focal = camera.focal_px[0];
     let unit = (focal / reference_px).powi(2);
-    let distortion = &camera.distortion;
+    // Only known lenses are of other kinds.
+    let Lens::Brown(distortion) = &camera.lens else { return None };
     let distorted = distortion.apply(ideal);
     let r2 = ideal.norm_squared();
     let (by_k1, by_k2) = (ideal * r2, ideal * r2 * r2);

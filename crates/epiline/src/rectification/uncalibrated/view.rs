@@ -63,7 +63,7 @@ impl View {
 
     /// Maps pixels of the photograph, once freed of lens distortion, to pixels of the aligned image.
     pub fn homography(&self, side: usize) -> Matrix3<f64> {
-        let camera = &self.rig.cameras[side];
+        let camera = self.rig.cameras[side].camera();
         let pinhole = |focal: [f64; 2], center: [f64; 2]| {
             Matrix3::new(focal[0], 0.0, center[0], 0.0, focal[1], center[1], 0.0, 0.0, 1.0)
         };
