@@ -1,6 +1,6 @@
 //! Drift of rigs whose right camera was turned by a known angle: exact projections, not the linear model.
 
-use epiline::camera::{CameraModel, Distortion, Pose, StereoCalibration};
+use epiline::camera::{Brown, CameraModel, Pose, StereoCalibration};
 use epiline::rectification::{Drift, DriftAxis, DriftMeter, PointMatch, Rectifier, realign};
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
@@ -8,7 +8,7 @@ fn rig(rotation: Matrix3<f64>) -> StereoCalibration {
     let camera = |f: f64, cx: f64| CameraModel {
         focal_px: [f, f],
         center_px: [cx, 243.0],
-        distortion: Distortion { k1: -0.2, k2: 0.05, ..Default::default() },
+        lens: Brown { k1: -0.2, k2: 0.05, ..Default::default() }.into(),
         width: 640,
         height: 480,
     };

@@ -113,7 +113,7 @@ fn run<C: CostKernels>(case: &Case, lanes: usize, kernels: &Kernels) -> Outcome<
     let blocked_lanes = noise.blocks(lanes);
     // Half the cases have coarse costs, as large as 16 bits have room for.
     let room = (65_534 - usize::from(largest) * window * window).min(255) as u8;
-    let cells = if case.seed % 2 == 0 { width.div_ceil(2) * lanes } else { 0 };
+    let cells = if case.seed.is_multiple_of(2) { width.div_ceil(2) * lanes } else { 0 };
     let coarse: Vec<u16> = (0..cells).map(|_| noise.next().min(room).into()).collect();
     let shape = RowShape {
         width,
