@@ -24,7 +24,7 @@ demo: build ## the whole system on a rendered rig: no camera, no download
 	$(BIN)/epiline demo --output $(OUT)/demo
 
 test: build ## every test: Rust, documentation examples, Python
-	cargo test --workspace --quiet
+	cargo test --workspace --quiet --no-fail-fast
 	$(BIN)/pytest
 
 lint: $(VENV)/.ready ## formatting, clippy, ruff, mypy --strict, the stub against the built module
