@@ -146,18 +146,11 @@ impl PyDisparityMap {
     }
 }
 
-fn method_name(method: Method) -> &'static str {
-    match method {
-        Method::Sad => "sad",
-        Method::Sgm => "sgm",
-    }
-}
-
 fn method_named(name: &str) -> PyResult<Method> {
-    [Method::Sad, Method::Sgm]
-        .into_iter()
-        .find(|&method| method_name(method) == name)
-        .ok_or_else(|| PyValueError::new_err(format!("method = '{name}': must be 'sad' or 'sgm'")))
+    Method::ALL.into_iter().find(|method| method.name() == name).ok_or_else(|| {
+        let expected = "must be 'sad', 'sad5', 'census', 'bt' or 'sgm'";
+        PyValueError::new_err(format!("method = '{name}': {expected}"))
+    })
 }
 
 fn preset_named(name: &str) -> PyResult<Preset> {
@@ -347,7 +340,7 @@ impl PyStereoMatcher {
 /// Every parameter of a matcher, by the name Python gives it with.
 pub fn parameters_dict<'py>(py: Python<'py>, params: &MatcherParams) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
-    dict.set_item("method", method_name(params.method))?;
+    dict.set_item("method", params.method.name())?;
     dict.set_item("num_disparities", params.num_disparities)?;
     dict.set_item("block_size", params.block_size)?;
     dict.set_item("min_disparity", params.min_disparity)?;

@@ -2,7 +2,9 @@
 
 use epiline::image::{Image, ImageRef};
 use epiline::kernels::Level;
-use epiline::matching::{DisparityMap, MatcherParams, Prefilter, StereoMatcher, Validity, brute_force};
+use epiline::matching::{
+    DisparityMap, MatcherParams, Method, Prefilter, StereoMatcher, Validity, brute_force,
+};
 use proptest::prelude::*;
 
 /// A pair and its masks.
@@ -82,7 +84,8 @@ fn scene(width: usize, height: usize, content: Content, masked: [bool; 2], seed:
 }
 
 fn params() -> impl Strategy<Value = MatcherParams> {
-    let cost = (0..=8_usize, prop::bool::ANY, 1..=63_u8);
+    let methods = vec![Method::Sad, Method::Sad, Method::Sad5, Method::Census, Method::Bt];
+    let cost = (prop::sample::select(methods), 0..=8_usize, prop::bool::ANY, 1..=63_u8);
     let range = (1..=70_usize, 0..=5_usize);
     let tests = (
         prop::sample::select(vec![0_u8, 5, 15, 100]),
@@ -92,20 +95,23 @@ fn params() -> impl Strategy<Value = MatcherParams> {
         prop::bool::ANY,
     );
     (cost, range, tests).prop_map(
-        |((radius, raw, cap), (num, min), (unique, texture, left_right, speckle, subpixel))| MatcherParams {
-            num_disparities: num,
-            min_disparity: min,
-            block_size: 2 * radius + 1,
-            prefilter: if raw { Prefilter::None } else { Prefilter::XSobel },
-            prefilter_cap: cap,
-            uniqueness_ratio: unique,
-            texture_threshold: texture,
-            left_right_max_diff: left_right,
-            speckle_size: speckle,
-            speckle_range: 1,
-            subpixel,
-            threads: Some(1),
-            ..MatcherParams::default()
+        |((method, radius, raw, cap), (num, min), (unique, texture, left_right, speckle, subpixel))| {
+            MatcherParams {
+                method,
+                num_disparities: num,
+                min_disparity: min,
+                block_size: 2 * radius + 1,
+                prefilter: if raw { Prefilter::None } else { Prefilter::XSobel },
+                prefilter_cap: cap,
+                uniqueness_ratio: unique,
+                texture_threshold: texture,
+                left_right_max_diff: left_right,
+                speckle_size: speckle,
+                speckle_range: 1,
+                subpixel,
+                threads: Some(1),
+                ..MatcherParams::default()
+            }
         },
     )
 }
@@ -176,50 +182,74 @@ fn every_test_has_its_own_bit() {
 }
 
 #[test]
-fn the_result_does_not_depend_on_the_number_of_threads() {
+fn the_result_depends_neither_on_threads_nor_on_the_level() {
     let scene = scene(83, 131, Content::Shifted, [false, true], 9);
-    let single = scene.matcher(&mut StereoMatcher::new(strict()).expect("legal"));
-    for threads in [2, 3, 4, 16] {
-        let params = MatcherParams { threads: Some(threads), ..strict() };
-        let map = scene.matcher(&mut StereoMatcher::new(params).expect("legal"));
-        assert_same(&map, &single, &format!("{threads} threads"));
+    for method in [Method::Sad, Method::Sad5, Method::Census, Method::Bt] {
+        let params = MatcherParams { method, ..strict() };
+        let single = scene.matcher(&mut StereoMatcher::with_level(params, Level::SCALAR).expect("legal"));
+        for (threads, level) in [1, 2, 3, 4, 16].iter().flat_map(|&n| Level::available().map(move |l| (n, l)))
+        {
+            let params = MatcherParams { threads: Some(threads), ..params };
+            let map = scene.matcher(&mut StereoMatcher::with_level(params, level).expect("legal"));
+            assert_same(&map, &single, &format!("{} {threads} threads {}", method.name(), level.name()));
+        }
     }
 }
 
 #[test]
 fn a_matcher_forgets_the_frames_before() {
-    let params = strict();
-    let mut warm = StereoMatcher::new(params).expect("legal");
-    for (width, height, masked) in [(70, 33, true), (40, 60, false), (90, 5, true), (70, 33, false)] {
-        let scene = scene(width, height, Content::Shifted, [masked, false], width as u64);
-        let mut cold = StereoMatcher::new(params).expect("legal");
-        assert_same(&scene.matcher(&mut warm), &scene.matcher(&mut cold), &format!("{width}x{height}"));
+    for method in [Method::Sad, Method::Sad5, Method::Census, Method::Bt] {
+        let params = MatcherParams { method, ..strict() };
+        let mut warm = StereoMatcher::new(params).expect("legal");
+        for (width, height, masked) in [(70, 33, true), (40, 60, false), (90, 5, true), (70, 33, false)] {
+            let scene = scene(width, height, Content::Shifted, [masked, false], width as u64);
+            let mut cold = StereoMatcher::new(params).expect("legal");
+            assert_same(&scene.matcher(&mut warm), &scene.matcher(&mut cold), &format!("{width}x{height}"));
+        }
     }
 }
 
 #[test]
-fn sums_beyond_sixteen_bits_are_exact() {
-    // Black against white: every window sums to 255·31² = 245 055.
+fn the_largest_sums_there_are_do_not_overflow() {
+    // Black against white: with sad, every window sums to 255·31² = 245 055, which takes 32 bits; the other methods stay
+    // within 16 by truncating pixel costs. A grating of single pixels has the largest derivatives and the longest census
+    // distances; for the latter, left and right are each other's negative.
     let (width, height) = (40, 12);
-    let scene = Scene {
+    let constant = Scene {
         left: Image::from_fn(width, height, |_, _| 255),
         right: Image::from_fn(width, height, |x, _| if x == 7 { 10 } else { 0 }),
         left_valid: None,
         right_valid: None,
     };
-    let params = MatcherParams {
-        num_disparities: 20,
-        block_size: 31,
-        prefilter: Prefilter::None,
-        uniqueness_ratio: 1,
-        left_right_max_diff: Some(0),
-        threads: Some(1),
-        ..MatcherParams::default()
+    let dots = |x: usize, y: usize| x.is_multiple_of(3) && y.is_multiple_of(3);
+    let opposite = Scene {
+        left: Image::from_fn(width, height, |x, y| if dots(x, y) { 255 } else { 0 }),
+        right: Image::from_fn(width, height, |x, y| if dots(x, y) { 0 } else { 255 }),
+        left_valid: None,
+        right_valid: None,
     };
-    let expected = scene.brute_force(&params);
-    for level in Level::available() {
-        let mut matcher = StereoMatcher::with_level(params, level).expect("legal parameters");
-        assert_same(&scene.matcher(&mut matcher), &expected, level.name());
+    let settings = [Method::Sad, Method::Sad5, Method::Census, Method::Bt]
+        .into_iter()
+        .flat_map(|method| [Prefilter::None, Prefilter::XSobel].map(|prefilter| (method, prefilter)));
+    for ((method, prefilter), scene) in
+        settings.flat_map(|setting| [(setting, &constant), (setting, &opposite)])
+    {
+        let params = MatcherParams {
+            method,
+            num_disparities: 20,
+            block_size: 31,
+            prefilter,
+            prefilter_cap: 63,
+            uniqueness_ratio: 1,
+            left_right_max_diff: Some(0),
+            threads: Some(1),
+            ..MatcherParams::default()
+        };
+        let expected = scene.brute_force(&params);
+        for level in Level::available() {
+            let mut matcher = StereoMatcher::with_level(params, level).expect("legal parameters");
+            assert_same(&scene.matcher(&mut matcher), &expected, &format!("{method:?} {}", level.name()));
+        }
     }
 }
 

@@ -89,7 +89,8 @@ fn region(x: usize, y: usize, width: usize, height: usize) -> MatchRegion {
 }
 
 fn params() -> impl Strategy<Value = MatcherParams> {
-    let cost = (0..=4_usize, prop::bool::ANY, 1..=24_usize, 0..=4_usize);
+    let methods = vec![Method::Sad, Method::Sad5, Method::Census, Method::Bt];
+    let cost = (prop::sample::select(methods), 0..=4_usize, prop::bool::ANY, 1..=24_usize, 0..=4_usize);
     let tests = (
         prop::sample::select(vec![0_u8, 10]),
         prop::sample::select(vec![0_u32, 300]),
@@ -97,8 +98,9 @@ fn params() -> impl Strategy<Value = MatcherParams> {
         prop::sample::select(vec![0_usize, 4, 25]),
         prop::bool::ANY,
     );
-    (cost, tests).prop_map(|((radius, raw, num, min), (unique, texture, left_right, speckle, subpixel))| {
-        MatcherParams {
+    (cost, tests).prop_map(
+        |((method, radius, raw, num, min), (unique, texture, left_right, speckle, subpixel))| MatcherParams {
+            method,
             num_disparities: num,
             min_disparity: min,
             block_size: 2 * radius + 1,
@@ -111,8 +113,8 @@ fn params() -> impl Strategy<Value = MatcherParams> {
             subpixel,
             threads: Some(1),
             ..MatcherParams::default()
-        }
-    })
+        },
+    )
 }
 
 fn regions(width: usize, height: usize) -> impl Strategy<Value = Vec<MatchRegion>> {

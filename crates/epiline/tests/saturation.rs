@@ -48,7 +48,7 @@ proptest! {
         radius in 0..=7_usize,
         threshold in 1..=100_u8,
         min_disparity in 0..=2_usize,
-        method in prop::sample::select(vec![Method::Sad, Method::Sgm]),
+        method in prop::sample::select(Method::ALL.to_vec()),
         height in 1..=30_usize,
         threads in 1..=3_usize,
         seed in any::<u64>(),

@@ -8,6 +8,7 @@ mod level;
 pub mod sad;
 pub mod select;
 pub mod semi_global;
+pub mod windowed;
 pub mod xsobel;
 
 pub use level::{Level, simd_level};
@@ -17,6 +18,7 @@ use sad::{AddRow, RowShape, SadRow};
 use select::SelectRow;
 use semi_global::features::{CensusRow, ExtremesRow};
 use semi_global::{CostRow, HorizontalRow, SumRow, VerticalRow, WindowRow};
+use windowed::{BestRow, BestWindowsRow, BoxRow, PixelCostRow};
 use xsobel::XSobelRow;
 
 /// Compiles a portable body once per instruction set: the optimiser vectorises each copy with what the set has.
@@ -81,6 +83,10 @@ pub struct Kernels {
     horizontal: kernel!(HorizontalRow),
     vertical: kernel!(VerticalRow),
     sum: kernel!(SumRow),
+    pixel_cost: kernel!(PixelCostRow),
+    boxes: kernel!(BoxRow),
+    best_windows: kernel!(BestWindowsRow),
+    best: kernel!(BestRow),
 }
 
 impl Kernels {
@@ -106,6 +112,10 @@ impl Kernels {
             horizontal: semi_global::reference::horizontal_row,
             vertical: semi_global::reference::vertical_row,
             sum: semi_global::reference::sum_row,
+            pixel_cost: windowed::reference::pixel_cost_row,
+            boxes: windowed::reference::box_row,
+            best_windows: windowed::reference::best_windows_row,
+            best: windowed::reference::best_row,
         };
         #[cfg(target_arch = "x86_64")]
         {
@@ -128,6 +138,10 @@ impl Kernels {
                     horizontal: semi_global::avx512::horizontal_row,
                     vertical: semi_global::avx512::vertical_row,
                     sum: semi_global::avx512::sum_row,
+                    pixel_cost: windowed::vector::avx512::pixel_cost_row,
+                    boxes: windowed::vector::avx512::box_row,
+                    best_windows: windowed::vector::avx512::best_windows_row,
+                    best: windowed::vector::avx512::best_row,
                     ..kernels
                 };
             }
@@ -150,6 +164,10 @@ impl Kernels {
                     horizontal: semi_global::avx2::horizontal_row,
                     vertical: semi_global::avx2::vertical_row,
                     sum: semi_global::avx2::sum_row,
+                    pixel_cost: windowed::vector::avx2::pixel_cost_row,
+                    boxes: windowed::vector::avx2::box_row,
+                    best_windows: windowed::vector::avx2::best_windows_row,
+                    best: windowed::vector::avx2::best_row,
                     ..kernels
                 };
             }
@@ -162,6 +180,10 @@ impl Kernels {
                 add_u16: sad::neon::add_row,
                 sad_u16: sad::neon::sad_row,
                 scratch_u16: sad::vector::scratch_len,
+                pixel_cost: windowed::vector::neon::pixel_cost_row,
+                boxes: windowed::vector::neon::box_row,
+                best_windows: windowed::vector::neon::best_windows_row,
+                best: windowed::vector::neon::best_row,
                 ..kernels
             };
         }
@@ -271,6 +293,50 @@ impl Kernels {
         self.check_lanes(row.lanes);
         // SAFETY: the slices were checked; the table's level proves the instructions.
         unsafe { (self.sum)(row) }
+    }
+
+    /// Pixel costs of a row by one kind of difference, and their sums per column.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn pixel_cost(&self, row: &mut PixelCostRow<'_>) {
+        row.check();
+        self.check_lanes(row.lanes);
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.pixel_cost)(row) }
+    }
+
+    /// Box sums of a row.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn boxes(&self, row: &mut BoxRow<'_>) {
+        row.check();
+        self.check_lanes(row.lanes);
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.boxes)(row) }
+    }
+
+    /// Costs from the best of five windows.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn best_windows(&self, row: &mut BestWindowsRow<'_>) {
+        row.check();
+        self.check_lanes(row.lanes);
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.best_windows)(row) }
+    }
+
+    /// The best candidates of a row.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn best(&self, row: &mut BestRow<'_>) {
+        row.check();
+        self.check_lanes(row.lanes);
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.best)(row) }
     }
 
     fn check_lanes(&self, lanes: usize) {

@@ -1,12 +1,12 @@
-//! The definition of the matcher, computed directly: no running sums, no lanes, no buffers.
+//! The definition of the matcher, computed directly: no running sums, no lanes.
 //!
 //! Time grows with `width · height · num_disparities · block_size²`; for tests on small images. Nothing here is shared
-//! with the matcher but the types.
+//! with the matcher but the types. All methods but [`Method::Sgm`].
 
 use super::map::{DisparityMap, Validity};
 use super::matcher::require_sizes;
-use super::params::{MatcherParams, Prefilter};
-use crate::error::Result;
+use super::params::{MatcherParams, Method, Prefilter};
+use crate::error::{Error, Result};
 use crate::image::{Image, ImageRef};
 
 /// What [`StereoMatcher::compute_masked`](super::StereoMatcher::compute_masked) must compute without coarse costs.
@@ -30,15 +30,26 @@ pub fn compute_guided(
     added: &dyn Fn(usize, usize, usize) -> i64,
 ) -> Result<DisparityMap> {
     params.validate()?;
+    if params.method == Method::Sgm {
+        return Err(Error::invalid("method", params.method.name(), "must be one that sums over windows"));
+    }
     require_sizes(left, right, left_valid, right_valid)?;
     params.require_width(left.width())?;
     let derivative = derivative(left, params.prefilter_cap);
+    let grey = [left, right]
+        .map(|image| Image::from_fn(image.width(), image.height(), |x, y| image.at(x, y).into()));
     let pair = match params.prefilter {
-        Prefilter::None => [left, right]
-            .map(|image| Image::from_fn(image.width(), image.height(), |x, y| image.at(x, y).into())),
+        Prefilter::None => grey.clone(),
         Prefilter::XSobel => [derivative.clone(), self::derivative(right, params.prefilter_cap)],
     };
-    let costs = Costs { params, pair, left_valid, right_valid, added };
+    let images = Images { params, pair: &pair, grey: &grey };
+    let pixels = (0..left.height()).flat_map(|y| (0..left.width()).map(move |x| (x, y)));
+    let disparities = params.min_disparity..params.min_disparity + params.num_disparities;
+    let differences = pixels
+        .flat_map(|(x, y)| disparities.clone().map(move |d| (x, x.saturating_sub(d), y)))
+        .map(|(x, right_x, y)| images.difference(x, right_x, y))
+        .collect();
+    let costs = Costs { params, pair: &pair, differences, left_valid, right_valid, added };
     let mut map = DisparityMap::new(left.width(), left.height());
     map.min_disparity = params.min_disparity;
     map.num_disparities = params.num_disparities;
@@ -81,9 +92,74 @@ fn derivative(image: ImageRef<'_, u8>, cap: u8) -> Image<i32> {
     })
 }
 
+/// Whether each of the 24 pixels around one is darker than it; beyond the image, its border pixels are repeated.
+fn census(image: &Image<i32>, x: usize, y: usize) -> impl Iterator<Item = bool> {
+    let at = move |i: isize, j: isize| {
+        let (x, y) = (x as isize + i, y as isize + j);
+        let (x, y) = (x.clamp(0, image.width() as isize - 1), y.clamp(0, image.height() as isize - 1));
+        image.row(y as usize)[x as usize]
+    };
+    (-2..=2).flat_map(move |j| (-2..=2).map(move |i| at(i, j) < at(0, 0)))
+}
+
+/// How far each of two pixels lies outside what the other and the means with its neighbours, rounded up, span; the smaller
+/// of both.
+fn birchfield_tomasi([left, right]: &[Image<i32>; 2], x: usize, right_x: usize, y: usize) -> i64 {
+    let around = |row: &[i32], x: usize| {
+        let mean = |other: usize| (row[x] + row[other] + 1).div_euclid(2);
+        [row[x], mean(x.saturating_sub(1)), mean((x + 1).min(row.len() - 1))]
+    };
+    let outside = |value: i32, around: [i32; 3]| {
+        let nearest =
+            value.clamp(around[0].min(around[1]).min(around[2]), around[0].max(around[1]).max(around[2]));
+        i64::from((value - nearest).abs())
+    };
+    let (left, right) = (left.row(y), right.row(y));
+    outside(left[x], around(right, right_x)).min(outside(right[right_x], around(left, x)))
+}
+
+/// What is compared.
+struct Images<'a> {
+    params: &'a MatcherParams,
+    /// Prefiltered.
+    pair: &'a [Image<i32>; 2],
+    grey: &'a [Image<i32>; 2],
+}
+
+impl Images<'_> {
+    /// What two pixels of row `y` differ by.
+    fn difference(&self, x: usize, right_x: usize, y: usize) -> i64 {
+        let (params, [left, right]) = (self.params, self.pair);
+        let cost = match params.method {
+            Method::Sad | Method::Sad5 => i64::from((left.row(y)[x] - right.row(y)[right_x]).abs()),
+            Method::Census => {
+                let [left, right] = self.grey;
+                census(left, x, y).zip(census(right, right_x, y)).map(|(l, r)| i64::from(l != r)).sum()
+            }
+            Method::Bt => {
+                let grey = match params.prefilter {
+                    Prefilter::None => 0,
+                    Prefilter::XSobel => birchfield_tomasi(self.grey, x, right_x, y) / 4,
+                };
+                birchfield_tomasi(self.pair, x, right_x, y) + grey
+            }
+            Method::Sgm => unreachable!("refused above"),
+        };
+        // So much fits 16 bits as often as the cost sums it.
+        let pixels = params.block_size * params.block_size;
+        match params.method {
+            Method::Sad5 => cost.min(65_534 / (3 * pixels as i64)),
+            Method::Census | Method::Bt => cost.min(65_534 / pixels as i64),
+            Method::Sad | Method::Sgm => cost,
+        }
+    }
+}
+
 struct Costs<'a> {
     params: &'a MatcherParams,
-    pair: [Image<i32>; 2],
+    pair: &'a [Image<i32>; 2],
+    /// Of every pixel and disparity.
+    differences: Vec<i64>,
     left_valid: Option<ImageRef<'a, u8>>,
     right_valid: Option<ImageRef<'a, u8>>,
     added: &'a dyn Fn(usize, usize, usize) -> i64,
@@ -100,7 +176,14 @@ impl Costs<'_> {
         })
     }
 
-    /// Eq. 5, or `None` if the pair `(x, d)` is not a candidate.
+    /// Eq. 5 with the method's differences.
+    fn window_sum(&self, x: usize, y: usize, d: usize) -> i64 {
+        let count = self.params.num_disparities;
+        let at = |(x, y)| (y * self.pair[0].width() + x) * count + d - self.params.min_disparity;
+        self.window(x, y).map(|pixel| self.differences[at(pixel)]).sum()
+    }
+
+    /// The method's cost, or `None` if the pair `(x, d)` is not a candidate.
     fn cost(&self, x: usize, y: usize, d: usize) -> Option<i64> {
         let right_x = x.checked_sub(d)?;
         let has_source = |mask: Option<ImageRef<'_, u8>>, x| mask.is_none_or(|mask| mask.at(x, y) != 0);
@@ -109,11 +192,17 @@ impl Costs<'_> {
         if !in_range || !has_source(self.left_valid, x) || !has_source(self.right_valid, right_x) {
             return None;
         }
-        let [left, right] = &self.pair;
-        let differences = self
-            .window(x, y)
-            .map(|(x, y)| i64::from((left.row(y)[x] - right.row(y)[x.saturating_sub(d)]).abs()));
-        Some(differences.sum::<i64>() + (self.added)(x, y, d))
+        let mut cost = self.window_sum(x, y, d);
+        if self.params.method == Method::Sad5 {
+            let (radius, [left, _]) = (self.params.radius(), self.pair);
+            let columns = [x.saturating_sub(radius), (x + radius).min(left.width() - 1)];
+            let rows = [y.saturating_sub(radius), (y + radius).min(left.height() - 1)];
+            let mut corners: Vec<i64> =
+                columns.iter().flat_map(|&x| rows.map(|y| self.window_sum(x, y, d))).collect();
+            corners.sort_unstable();
+            cost += corners[0] + corners[1];
+        }
+        Some(cost + (self.added)(x, y, d))
     }
 
     fn disparities(&self) -> std::ops::Range<usize> {

@@ -13,7 +13,9 @@ use super::semi_global::{self, Penalties, SemiGlobal};
 use super::smooth::Smoother;
 use super::speckle::SpeckleFilter;
 use super::stripe::{Frame, Stripe};
+use super::texture_test::TextureTest;
 use super::threads::{stripes, thread_count};
+use super::windowed::{self, WindowStripe};
 use crate::error::Result;
 use crate::image::ImageRef;
 use crate::kernels::{CostKernels, Kernels, Level};
@@ -33,6 +35,7 @@ pub struct StereoMatcher {
     pair: PreparedPair,
     coarse: Option<CoarseCosts>,
     buffers: Buffers,
+    texture: TextureTest,
     saturation: SaturationTest,
     speckle: SpeckleFilter,
     filler: Filler,
@@ -62,11 +65,12 @@ impl<'a> MaskedPair<'a> {
     }
 }
 
-/// Buffers for what the parameters need: window sums of one width, or paths.
+/// Buffers for what the parameters need: sums of absolute differences of one width, other window sums, or paths.
 #[derive(Debug)]
 enum Buffers {
     U16(Vec<Stripe<u16>>),
     U32(Vec<Stripe<u32>>),
+    Windowed(Vec<WindowStripe>),
     SemiGlobal(Box<(SemiGlobal, Penalties)>),
 }
 
@@ -85,15 +89,16 @@ impl StereoMatcher {
             }
             Method::Sad if params.fits_u16() => Buffers::U16(Vec::new()),
             Method::Sad => Buffers::U32(Vec::new()),
+            Method::Sad5 | Method::Census | Method::Bt => Buffers::Windowed(Vec::new()),
         };
-        let is_guided = params.method == Method::Sad && params.coarse_weight > 0;
         Ok(Self {
             params,
             kernels: Kernels::new(level),
             threads: thread_count(params.threads)?,
             pair: PreparedPair::default(),
-            coarse: is_guided.then(|| CoarseCosts::new(level)),
+            coarse: params.is_guided().then(|| CoarseCosts::new(level)),
             buffers,
+            texture: TextureTest::default(),
             saturation: SaturationTest::default(),
             speckle: SpeckleFilter::default(),
             filler: Filler::default(),
@@ -258,7 +263,7 @@ impl StereoMatcher {
         out: &mut DisparityMap,
     ) {
         let &MaskedPair { left, right, left_valid, right_valid } = pair;
-        let Self { kernels, threads, pair, coarse, buffers, saturation, .. } = self;
+        let Self { kernels, threads, pair, coarse, buffers, texture, saturation, .. } = self;
         if let Buffers::U16(_) | Buffers::U32(_) = buffers {
             let lanes = kernels.lanes(params.num_disparities);
             pair.prepare(kernels, params, lanes, left, right, *threads);
@@ -271,6 +276,13 @@ impl StereoMatcher {
         match buffers {
             Buffers::U16(stripes) => compute_stripes(stripes, &frame, rows, *threads, out),
             Buffers::U32(stripes) => compute_stripes(stripes, &frame, rows, *threads, out),
+            Buffers::Windowed(stripes) => {
+                let frame = windowed::Frame { kernels, params, left, right, left_valid, right_valid };
+                compute_stripes(stripes, &frame, rows, *threads, out);
+                if params.texture_threshold > 0 {
+                    texture.mark(kernels, params, left, first_row, out);
+                }
+            }
             Buffers::SemiGlobal(buffers) => {
                 let (buffers, penalties) = &mut **buffers;
                 let frame =
@@ -300,16 +312,40 @@ pub(super) fn require_sizes(
     Ok(())
 }
 
-fn compute_stripes<C: CostKernels>(
-    buffers: &mut Vec<Stripe<C>>,
-    frame: &Frame<'_>,
+/// What matches a stripe of rows of a frame `F`, with buffers of its own.
+trait StripeBuffers<F>: Default + Send {
+    /// Matches some rows. `values` and `bits` hold those rows of the disparity map.
+    fn compute(&mut self, frame: &F, rows: Range<usize>, values: &mut [u16], bits: &mut [u8]);
+}
+
+impl<C: CostKernels> StripeBuffers<Frame<'_>> for Stripe<C> {
+    fn compute(&mut self, frame: &Frame<'_>, rows: Range<usize>, values: &mut [u16], bits: &mut [u8]) {
+        self.compute(frame, rows, values, bits);
+    }
+}
+
+impl StripeBuffers<windowed::Frame<'_>> for WindowStripe {
+    fn compute(
+        &mut self,
+        frame: &windowed::Frame<'_>,
+        rows: Range<usize>,
+        values: &mut [u16],
+        bits: &mut [u8],
+    ) {
+        self.compute(frame, rows, values, bits);
+    }
+}
+
+fn compute_stripes<F: Sync, S: StripeBuffers<F>>(
+    buffers: &mut Vec<S>,
+    frame: &F,
     rows: Range<usize>,
     threads: usize,
     out: &mut DisparityMap,
 ) {
     let (width, height, first) = (out.width(), rows.len(), rows.start);
     let count = stripes(height, threads).len();
-    buffers.resize_with(count.max(buffers.len()), Stripe::default);
+    buffers.resize_with(count.max(buffers.len()), S::default);
     let (mut values, mut bits) = (out.values.as_mut_slice(), out.validity.as_mut_slice());
     let mut jobs = stripes(height, threads).zip(buffers).map(|(rows, stripe)| {
         let (stripe_values, stripe_bits);

@@ -8,10 +8,13 @@
 //! [`brute_force`] is the same definition without running sums: slow, short, and what the matcher is tested against.
 
 mod aligned;
+mod blocked;
 pub mod brute_force;
+mod choices;
 mod coarse;
 mod confidence;
 mod edges;
+mod features;
 mod fill;
 mod left_right;
 mod map;
@@ -26,7 +29,9 @@ mod smooth;
 mod speckle;
 mod stripe;
 mod texture;
+mod texture_test;
 mod threads;
+mod windowed;
 
 pub use map::{DisparityMap, Validity};
 pub use matcher::StereoMatcher;

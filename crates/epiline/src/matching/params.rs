@@ -10,9 +10,34 @@ pub enum Method {
     /// Sum of absolute differences over a square window (eq. 5 of the paper).
     #[default]
     Sad,
+    /// Sums of absolute differences over the window around the pixel and the best two of four around its corners
+    /// (Hirschmüller, Innocent and Garibaldi, IJCV 2002): keeps to the edges of objects.
+    Sad5,
+    /// Hamming distance of the 5x5 census (Zabih and Woodfill, ECCV 1994), summed over a square window: indifferent to
+    /// exposure, and keeps to edges.
+    Census,
+    /// Sampling-insensitive differences (Birchfield and Tomasi, PAMI 1998) of the prefiltered image and a quarter of those
+    /// of grey values, summed over a square window: holds up under noise, blur and rows that are not quite aligned.
+    Bt,
     /// Semi-global matching (Hirschmüller, PAMI 2008) on sampling-insensitive differences and the census: slower, but it
     /// reaches across surfaces without texture and keeps to the edges of objects.
     Sgm,
+}
+
+impl Method {
+    /// Every method, in the order of what a pixel costs.
+    pub const ALL: [Self; 5] = [Self::Sad, Self::Sad5, Self::Census, Self::Bt, Self::Sgm];
+
+    /// The name it is asked for by.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sad => "sad",
+            Self::Sad5 => "sad5",
+            Self::Census => "census",
+            Self::Bt => "bt",
+            Self::Sgm => "sgm",
+        }
+    }
 }
 
 /// What is done to both images before they are compared.
@@ -123,6 +148,8 @@ impl MatcherParams {
     pub fn for_method(method: Method) -> Self {
         match method {
             Method::Sad => Self::default(),
+            Method::Sad5 => Self { method, block_size: 7, ..Self::default() },
+            Method::Census | Method::Bt => Self { method, block_size: 9, ..Self::default() },
             Method::Sgm => Self { method, block_size: 3, prefilter_cap: 15, ..Self::default() },
         }
     }
@@ -131,6 +158,11 @@ impl MatcherParams {
     pub(super) fn coarse_factor(&self) -> u32 {
         let area = (self.block_size * self.block_size) as u32;
         (u32::from(self.coarse_weight) * area * 65_536).div_ceil(200)
+    }
+
+    /// Whether costs from half the resolution are added to those of windows.
+    pub(super) fn is_guided(&self) -> bool {
+        self.method == Method::Sad && self.coarse_weight > 0
     }
 
     /// Whether 16 bits are enough for the costs of [`Method::Sad`].

@@ -192,12 +192,16 @@ impl Reach {
         let rows = match params.method {
             // The window, and the derivative at its edge: texture is measured with it, whatever the prefilter.
             Method::Sad => params.radius() + 1,
+            // The windows around the corners of the pixel's.
+            Method::Sad5 => 2 * params.radius() + 1,
+            // The census; the derivative and its extremes within half a pixel.
+            Method::Census | Method::Bt => params.radius() + 2,
             Method::Sgm => return None,
         };
         // The right pixel's other candidates lie so far to the right, and no further left than the largest disparity.
         let others = params.left_right_reach().map_or(0, |_| params.num_disparities - 1);
         let candidates = params.min_disparity + params.num_disparities - 1;
-        let is_local = !params.fill && !params.smooth && params.coarse_weight == 0;
+        let is_local = !params.fill && !params.smooth && !params.is_guided();
         is_local.then_some(Self { left: rows + candidates, right: rows + others, rows })
     }
 

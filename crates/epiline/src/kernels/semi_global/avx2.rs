@@ -7,7 +7,7 @@ use super::{CostRow, HorizontalRow, SumRow, VerticalRow, WindowRow};
 use crate::kernels::sad::avx2::U16x16;
 
 #[derive(Clone, Copy)]
-struct U8x32(__m256i);
+pub(in crate::kernels) struct U8x32(__m256i);
 
 vector::entries!(U8x32, "avx2,bmi1,popcnt");
 

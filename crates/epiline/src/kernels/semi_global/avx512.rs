@@ -7,7 +7,7 @@ use super::{CostRow, HorizontalRow, SumRow, VerticalRow, WindowRow};
 use crate::kernels::sad::avx512::U16x32;
 
 #[derive(Clone, Copy)]
-struct U8x64(__m512i);
+pub(in crate::kernels) struct U8x64(__m512i);
 
 vector::entries!(U8x64, "avx512f,avx512bw,avx512vl,avx2,bmi1,popcnt");
 

@@ -31,7 +31,7 @@ pub struct PixelRow<'a> {
 
 impl PixelRow<'_> {
     /// The row's length, which all its parts have.
-    pub(super) fn check(&self) -> usize {
+    pub(in crate::kernels) fn check(&self) -> usize {
         let len = self.grey.value.len();
         for channel in [self.filtered, self.grey] {
             assert!(

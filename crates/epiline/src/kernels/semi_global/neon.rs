@@ -7,7 +7,7 @@ use super::{CostRow, HorizontalRow, SumRow, VerticalRow, WindowRow};
 use crate::kernels::sad::neon::U16x8;
 
 #[derive(Clone, Copy)]
-struct U8x16(uint8x16_t);
+pub(in crate::kernels) struct U8x16(uint8x16_t);
 
 vector::entries!(U8x16, "neon");
 

@@ -7,7 +7,12 @@ use crate::kernels::sad::reference::{find_best, find_nearby, find_right_best};
 /// Birchfield and Tomasi's difference: how far a value lies outside the other image's values within half a pixel; the
 /// smaller of both views of it.
 #[inline(always)]
-fn sampling_insensitive(left: Channel<'_>, x: usize, right: Channel<'_>, i: usize) -> u8 {
+pub(in crate::kernels) fn sampling_insensitive(
+    left: Channel<'_>,
+    x: usize,
+    right: Channel<'_>,
+    i: usize,
+) -> u8 {
     let outside = |value: u8, low: u8, high: u8| value.saturating_sub(high).max(low.saturating_sub(value));
     outside(left.value[x], right.low[i], right.high[i]).min(outside(
         right.value[i],
@@ -18,10 +23,15 @@ fn sampling_insensitive(left: Channel<'_>, x: usize, right: Channel<'_>, i: usiz
 
 #[inline(always)]
 fn pixel_cost(left: &PixelRow<'_>, x: usize, right: &PixelRow<'_>, i: usize) -> u8 {
-    let hamming: u32 = left.census.iter().zip(&right.census).map(|(l, r)| (l[x] ^ r[i]).count_ones()).sum();
     sampling_insensitive(left.filtered, x, right.filtered, i)
         + sampling_insensitive(left.grey, x, right.grey, i) / 4
-        + hamming as u8
+        + hamming(left, x, right, i)
+}
+
+/// How many bits of the census differ.
+#[inline(always)]
+pub(in crate::kernels) fn hamming(left: &PixelRow<'_>, x: usize, right: &PixelRow<'_>, i: usize) -> u8 {
+    left.census.iter().zip(&right.census).map(|(l, r)| (l[x] ^ r[i]).count_ones() as u8).sum()
 }
 
 /// See [`CostRow`].

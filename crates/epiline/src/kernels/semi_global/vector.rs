@@ -23,7 +23,7 @@ use crate::kernels::sad::vector::Lanes;
 ///
 /// # Safety
 /// As [`Lanes`]: every function requires that the processor has that instruction set.
-pub(super) trait Bytes: Copy {
+pub(in crate::kernels) trait Bytes: Copy {
     /// Bytes per vector.
     const COUNT: usize;
     /// Half as many words.
@@ -70,7 +70,7 @@ unsafe fn outside<V: Bytes>(value: V, low: V, high: V) -> V {
 }
 
 /// One left pixel of a [`Channel`] in all lanes.
-struct Splat<V> {
+pub(in crate::kernels) struct Splat<V> {
     value: V,
     low: V,
     high: V,
@@ -80,7 +80,7 @@ impl<V: Bytes> Splat<V> {
     /// # Safety
     /// As [`Bytes`]; `x` is inside the channel.
     #[inline(always)]
-    unsafe fn new(channel: Channel<'_>, x: usize) -> Self {
+    pub(in crate::kernels) unsafe fn new(channel: Channel<'_>, x: usize) -> Self {
         // SAFETY: the caller's.
         unsafe {
             Self {
@@ -94,7 +94,7 @@ impl<V: Bytes> Splat<V> {
     /// # Safety
     /// As [`Bytes`]; the channel has `V::COUNT` pixels from `i` on.
     #[inline(always)]
-    unsafe fn sampling_insensitive(&self, right: Channel<'_>, i: usize) -> V {
+    pub(in crate::kernels) unsafe fn sampling_insensitive(&self, right: Channel<'_>, i: usize) -> V {
         // SAFETY: the caller's.
         unsafe {
             let (value, low, high) = (
@@ -393,7 +393,7 @@ macro_rules! dispatch {
         }
     };
 }
-pub(super) use dispatch;
+pub(in crate::kernels) use dispatch;
 
 /// The entry points of an instruction set.
 macro_rules! entries {

@@ -17,12 +17,11 @@ use self::costs::CostRows;
 pub(super) use self::penalties::Penalties;
 use self::rows::{Disparities, Excess, PathRows, Sink, Vertical};
 use super::aligned::AlignedVec;
-use super::map::{DisparityMap, Validity};
+use super::map::DisparityMap;
 use super::params::MatcherParams;
-use super::texture::TextureSums;
-use crate::image::{Image, ImageRef};
+use super::texture_test::TextureTest;
+use crate::image::ImageRef;
 use crate::kernels::Kernels;
-use crate::preprocess::xsobel_row;
 
 /// Rows of a band per thread. Costs of the rows above a job's first are summed again.
 const ROWS_PER_JOB: usize = 32;
@@ -76,8 +75,7 @@ pub(super) struct SemiGlobal {
     vertical: Vertical,
     cost_rows: Vec<CostRows>,
     path_rows: Vec<PathRows>,
-    texture: Image<u8>,
-    texture_sums: TextureSums,
+    texture: TextureTest,
 }
 
 impl SemiGlobal {
@@ -86,7 +84,7 @@ impl SemiGlobal {
         let sink = Disparities { values: out.values.as_mut_slice(), bits: out.validity.as_mut_slice() };
         self.match_bands(frame, threads, sink);
         if frame.params.texture_threshold > 0 {
-            self.mark_texture(frame, out);
+            self.texture.mark(frame.kernels, frame.params, frame.left, 0, out);
         }
     }
 
@@ -138,28 +136,6 @@ impl SemiGlobal {
             let own;
             (sink, own) = sink.split(frame, band.start);
             choose(&mut self.path_rows, frame, band, [costs, above, below], own);
-        }
-    }
-
-    /// Adds [`Validity::LOW_TEXTURE`] where it applies.
-    fn mark_texture(&mut self, frame: &Frame<'_>, out: &mut DisparityMap) {
-        let params = frame.params;
-        let (radius, cap) = (params.radius() as isize, params.prefilter_cap);
-        self.texture.resize(frame.width(), frame.height());
-        for y in 0..frame.height() {
-            xsobel_row(frame.kernels, frame.left, y, cap, self.texture.row_mut(y));
-        }
-        let last = frame.height() as isize - 1;
-        let texture = &self.texture;
-        let row = |y: isize| texture.row(y.clamp(0, last) as usize);
-        self.texture_sums.reset(frame.width());
-        (-radius - 1..radius).for_each(|y| self.texture_sums.enter(row(y), cap));
-        for y in 0..=last {
-            self.texture_sums.enter(row(y + radius), cap);
-            self.texture_sums.leave(row(y - radius - 1), cap);
-            let (bit, except) = (Validity::LOW_TEXTURE, Validity::NO_CANDIDATE);
-            let bits = out.validity.row_mut(y as usize);
-            self.texture_sums.mark(params.radius(), params.texture_threshold, bit, except, bits);
         }
     }
 }

@@ -3,13 +3,9 @@
 use std::ops::Range;
 
 use super::Frame;
-use crate::kernels::CostKernels;
-use crate::kernels::sad::Choice;
-use crate::kernels::select::SelectRow;
 use crate::kernels::semi_global::{HorizontalRow, SumRow, VerticalRow};
 use crate::matching::aligned::AlignedVec;
-use crate::matching::left_right;
-use crate::matching::map::Validity;
+use crate::matching::choices::Choices;
 
 /// The vertical paths as far as they have come.
 #[derive(Debug, Default)]
@@ -121,7 +117,14 @@ impl Sink for Disparities<'_> {
 
     fn take(&mut self, frame: &Frame<'_>, i: usize, y: usize, sums: &PathRows) {
         let pixels = i * frame.width()..(i + 1) * frame.width();
-        sums.select(frame, y, &mut self.values[pixels.clone()], &mut self.bits[pixels]);
+        let (values, bits) = (&mut self.values[pixels.clone()], &mut self.bits[pixels]);
+        sums.choices.select(
+            frame.kernels,
+            frame.params,
+            frame.left_valid.map(|valid| valid.row(y)),
+            values,
+            bits,
+        );
     }
 }
 
@@ -137,7 +140,7 @@ impl Sink for Excess<'_> {
     fn take(&mut self, frame: &Frame<'_>, i: usize, _: usize, sums: &PathRows) {
         let (lanes, cells) = (frame.lanes(), frame.width() * frame.lanes());
         let columns = self.0[i * cells..(i + 1) * cells].chunks_exact_mut(lanes);
-        for ((excess, sums), choice) in columns.zip(sums.sums.chunks_exact(lanes)).zip(&sums.chosen) {
+        for ((excess, sums), choice) in columns.zip(sums.sums.chunks_exact(lanes)).zip(&sums.choices.chosen) {
             for (excess, sum) in excess.iter_mut().zip(sums) {
                 *excess = (sum - choice.best).min(u8::MAX.into()) as u8;
             }
@@ -152,10 +155,7 @@ pub(super) struct PathRows {
     from_left: AlignedVec<u8>,
     from_right: AlignedVec<u8>,
     sums: AlignedVec<u16>,
-    chosen: Vec<Choice<u16>>,
-    rivals: Vec<u16>,
-    nearby: Vec<u16>,
-    right_best: Vec<u16>,
+    choices: Choices,
 }
 
 impl PathRows {
@@ -166,10 +166,7 @@ impl PathRows {
         self.from_left.reset(width * lanes, 0);
         self.from_right.reset(width * lanes, 0);
         self.sums.reset(width * lanes, 0);
-        self.chosen.resize(width, Choice::NONE);
-        self.rivals.resize(width, 0);
-        self.nearby.resize(width, 0);
-        self.right_best.resize(width + lanes - 1, 0);
+        self.choices.resize(width, lanes);
     }
 
     /// Sums of some rows from their costs and vertical paths, each handed to the sink.
@@ -210,37 +207,10 @@ impl PathRows {
             uniqueness_ratio: params.uniqueness_ratio.into(),
             left_right_reach: params.left_right_reach(),
             sums: &mut self.sums,
-            chosen: &mut self.chosen,
-            rivals: &mut self.rivals,
-            nearby: &mut self.nearby,
-            right_best: &mut self.right_best,
+            chosen: &mut self.choices.chosen,
+            rivals: &mut self.choices.rivals,
+            nearby: &mut self.choices.nearby,
+            right_best: &mut self.choices.right_best,
         });
-    }
-
-    fn select(&self, frame: &Frame<'_>, y: usize, values: &mut [u16], bits: &mut [u8]) {
-        let params = frame.params;
-        let row = &mut SelectRow {
-            chosen: &self.chosen,
-            rivals: &self.rivals,
-            first_disparity: frame.first_disparity() as u16,
-            subpixel: params.subpixel,
-            uniqueness_ratio: params.uniqueness_ratio.into(),
-            no_candidate: Validity::NO_SOURCE,
-            not_unique: Validity::NOT_UNIQUE,
-            values,
-            bits,
-        };
-        u16::select(frame.kernels, row);
-        let SelectRow { bits, .. } = row;
-        // Here no disparity asked for lies inside the right image, whatever has a source.
-        bits[..params.min_disparity.min(frame.width())].fill(Validity::BORDER);
-        if let Some(valid) = frame.left_valid {
-            let sourceless = bits.iter_mut().zip(valid.row(y)).filter(|&(_, &valid)| valid == 0);
-            sourceless.for_each(|(bits, _)| *bits |= Validity::NO_SOURCE);
-        }
-        if params.left_right_reach().is_some() {
-            let (bit, except) = (Validity::LEFT_RIGHT, Validity::NO_CANDIDATE);
-            left_right::mark(&self.chosen, &self.nearby, &self.right_best, bit, except, bits);
-        }
     }
 }

@@ -1,0 +1,64 @@
+//! The best candidates of a row, and their disparities.
+
+use super::left_right;
+use super::map::Validity;
+use super::params::MatcherParams;
+use crate::kernels::sad::Choice;
+use crate::kernels::select::SelectRow;
+use crate::kernels::{CostKernels, Kernels};
+
+/// What a kernel tells about the best candidates of a row: see [`SadRow`](crate::kernels::sad::SadRow).
+#[derive(Debug, Default)]
+pub(super) struct Choices {
+    pub chosen: Vec<Choice<u16>>,
+    pub rivals: Vec<u16>,
+    pub nearby: Vec<u16>,
+    pub right_best: Vec<u16>,
+    lanes: usize,
+}
+
+impl Choices {
+    /// For rows of `width` pixels with so many lanes.
+    pub fn resize(&mut self, width: usize, lanes: usize) {
+        self.lanes = lanes;
+        self.chosen.resize(width, Choice::NONE);
+        self.rivals.resize(width, 0);
+        self.nearby.resize(width, 0);
+        self.right_best.resize(width + lanes - 1, 0);
+    }
+
+    /// Disparities and the tests decided by costs. `left_valid` is the row's part of the mask.
+    pub fn select(
+        &self,
+        kernels: &Kernels,
+        params: &MatcherParams,
+        left_valid: Option<&[u8]>,
+        values: &mut [u16],
+        bits: &mut [u8],
+    ) {
+        let row = &mut SelectRow {
+            chosen: &self.chosen,
+            rivals: &self.rivals,
+            first_disparity: (params.min_disparity + self.lanes - 1) as u16,
+            subpixel: params.subpixel,
+            uniqueness_ratio: params.uniqueness_ratio.into(),
+            no_candidate: Validity::NO_SOURCE,
+            not_unique: Validity::NOT_UNIQUE,
+            values,
+            bits,
+        };
+        u16::select(kernels, row);
+        let SelectRow { bits, .. } = row;
+        // Here no disparity asked for lies inside the right image, whatever has a source.
+        let width = bits.len();
+        bits[..params.min_disparity.min(width)].fill(Validity::BORDER);
+        if let Some(valid) = left_valid {
+            let sourceless = bits.iter_mut().zip(valid).filter(|&(_, &valid)| valid == 0);
+            sourceless.for_each(|(bits, _)| *bits |= Validity::NO_SOURCE);
+        }
+        if params.left_right_reach().is_some() {
+            let (bit, except) = (Validity::LEFT_RIGHT, Validity::NO_CANDIDATE);
+            left_right::mark(&self.chosen, &self.nearby, &self.right_best, bit, except, bits);
+        }
+    }
+}
