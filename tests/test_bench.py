@@ -84,12 +84,14 @@ def test_rows_name_every_contest(pair: Pair) -> None:
     for threads in (1, 2):
         for tests in (False, True):
             assert (threads, tests, "sad, window 9", "StereoBM") in contests
+            for method in ("sad5, window 9", "census, window 11", "bt, window 11"):
+                assert (threads, tests, method, "StereoBM") in contests
             for preset in ("fast", "balanced", "accurate, filled" if tests else "accurate"):
                 for peer in ("SGBM 3WAY", "SGBM 5-path", "SGBM HH", "SGBM 3WAY padded"):
                     assert (threads, tests, preset, peer) in contests
     assert (2, True, "fast", "fast, one thread") in contests
     assert {t for _, t, ours, _ in contests if ours.startswith("4 bands")} == {False, True}
-    assert len(found) == 2 * (2 + 2 * (1 + 12)) + 3
+    assert len(found) == 2 * (2 + 2 * (1 + 3 + 12)) + 3
     assert not [r for r in found if r.differs]
     assert all(r.checked > 0.8 for r in found)
     assert all(r.ratio_low <= r.ratio <= r.ratio_high for r in found)

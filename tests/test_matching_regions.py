@@ -41,7 +41,7 @@ def assert_region(actual: ep.DisparityMap, expected: ep.DisparityMap, box: tuple
     np.testing.assert_array_equal(actual.values[inside], expected.values[inside])
 
 
-@pytest.mark.parametrize("method", ["sad", "sgm"])
+@pytest.mark.parametrize("method", ["sad", "sad5", "census", "bt", "sgm"])
 def test_regions_have_the_answers_of_the_whole_image_and_nothing_around(method: Any) -> None:
     left, right = pair()
     whole = ep.match(left, right, method=method, **COMMON)
@@ -176,7 +176,7 @@ def test_what_is_no_image_of_bytes_is_refused(image: Any) -> None:
             ep.match(left, right, num_disparities=16)
 
 
-@pytest.mark.parametrize("method", ["sad", "sgm"])
+@pytest.mark.parametrize("method", ["sad", "sad5", "census", "bt", "sgm"])
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (3, 1), (1, 9), (7, 3)])
 def test_images_smaller_than_the_window_are_answered(method: Any, width: int, height: int) -> None:
     random = np.random.default_rng(5)
@@ -195,7 +195,7 @@ def test_images_smaller_than_the_window_are_answered(method: Any, width: int, he
     assert (disp.raw == 0).all()
 
 
-@pytest.mark.parametrize("method", ["sad", "sgm"])
+@pytest.mark.parametrize("method", ["sad", "sad5", "census", "bt", "sgm"])
 def test_disparities_beyond_the_width_are_refused(method: Any) -> None:
     image = np.zeros((20, 60), np.uint8)
     with pytest.raises(ValueError, match=r"num_disparities = 61 px: .* must not exceed the images' width of 60 px"):

@@ -366,7 +366,7 @@ class StereoMatcher:
         cls,
         *,
         preset: Literal["fast", "balanced", "accurate"] | None = None,
-        method: Literal["sad", "sgm"] = "sad",
+        method: Literal["sad", "sad5", "census", "bt", "sgm"] = "sad",
         num_disparities: int = 64,
         block_size: int = ...,
         min_disparity: int = 0,

@@ -259,9 +259,13 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 
 /// Matches aligned pairs; keeps its buffers from call to call.
 ///
-/// `method="sad"`: sum of absolute differences over a square window, equation 5 of the 2011 paper. `method="sgm"`:
-/// semi-global matching (Hirschmueller 2008) on the differences of Birchfield and Tomasi and the census. In either, the
-/// window is clamped to the image and a pixel near the left edge has fewer candidates, not none. Of equal costs the larger
+/// `method="sad"`: sum of absolute differences over a square window, equation 5 of the 2011 paper. `"sad5"`: over the
+/// window around the pixel and the best two of four around its corners (Hirschmueller, Innocent and Garibaldi 2002), which
+/// keeps to the edges of objects. `"census"`: Hamming distance of the 5x5 census (Zabih and Woodfill 1994), summed over a
+/// window; indifferent to exposure. `"bt"`: differences insensitive to sampling (Birchfield and Tomasi 1998), of the
+/// prefiltered image and a quarter of those of grey values, summed over a window; the least disturbed by noise, but both
+/// cameras must be equally exposed. `"sgm"`: semi-global matching (Hirschmueller 2008) on the latter two together. In each, windows
+/// are clamped to the image and a pixel near the left edge has fewer candidates, not none. Of equal costs the larger
 /// disparity wins, as in OpenCV. The result depends neither on `threads` nor on the instruction set.
 ///
 /// Parameters
@@ -269,20 +273,23 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 /// preset : {"fast", "balanced", "accurate"}, optional
 ///     A measured combination of the parameters below, but for the range of disparities; those given change it. "fast"
 ///     is sad with coarse costs, "balanced" and "accurate" are sgm, each with its tests.
-/// method : {"sad", "sgm"}
+/// method : {"sad", "sad5", "census", "bt", "sgm"}
 ///     How pixels are matched.
 /// num_disparities : int
 ///     How many whole disparities to search, 1 to 1024: at least focal length x baseline / nearest depth.
 /// block_size : int
-///     Side of the window, odd, 1 to 31 px for sad (15 if not given), 1 to 15 px for sgm (3 if not given).
+///     Side of the window, odd, 1 to 31 px; 1 to 15 px for sgm. If not given: sad 15, sad5 9 (each of its windows),
+///     census and bt 11, sgm 3. In large windows of sad5 and bt differences of pixels are truncated, at
+///     65534 / (3 block_size^2) and 65534 / block_size^2 grey levels: with the prefilter's default from 19 and 23 px on.
 /// min_disparity : int
 ///     Smallest disparity, px. With num_disparities not more than the image's width.
 /// threads : int, optional
 ///     None is all cores; the environment's EPILINE_THREADS caps either.
 /// prefilter : {"xsobel", "none"} or None
-///     "xsobel" is insensitive to exposure; none compares grey values, as the paper does.
+///     "xsobel" is insensitive to exposure; none compares grey values, as the paper does and census in any case.
 /// prefilter_cap : int
-///     Derivatives are clipped to plus or minus this, 1 to 63 grey levels; 31 for sad, 15 for sgm if not given.
+///     Derivatives are clipped to plus or minus this, 1 to 63 grey levels; 15 for sgm, 31 for the others if not
+///     given.
 /// uniqueness_ratio : int
 ///     Reject unless candidates beyond the best and its neighbours cost this many percent more; 0 is off.
 /// texture_threshold : int
@@ -314,7 +321,8 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 /// regions : sequence of Region or (x, y, width, height), optional
 ///     Match these boxes only, each with its own range where a Region has one. Inside them the answers are exactly those
 ///     of the whole image; outside there are none (border). A pixel in several boxes has the range of the first. With
-///     sad the cost follows the area; sgm, `coarse_weight`, `fill` and `smooth` need the whole image all the same. A Pipeline does not use them.
+///     all methods but sgm the cost follows the area; sgm, `coarse_weight`, `fill` and `smooth` need the whole image all
+///     the same. A Pipeline does not use them.
 /// geometry : RectifiedGeometry, optional
 ///     For regions with a `range_m`.
 ///

@@ -63,6 +63,13 @@ def sad(
     return ours(f"sad, window {window}", pair, threads, method="sad", regions=regions, **chosen)
 
 
+def method(name: str, pair: Pair, disparities: int, threads: int, *, tests: bool) -> Contestant:
+    """A method with its own window, with the tests of `cv2.StereoBM` or none."""
+    chosen = {**(_TESTS if tests else _NO_TESTS), "num_disparities": disparities}
+    window = StereoMatcher(method=name).parameters["block_size"]
+    return ours(f"{name}, window {window}", pair, threads, method=name, **chosen)
+
+
 def preset(name: str, pair: Pair, disparities: int, threads: int, *, tests: bool) -> Contestant:
     """A preset as it is, `accurate` filled, or with every test taken away."""
     filled = name == "accurate" and tests

@@ -27,6 +27,8 @@ SIZES: tuple[Size, ...] = (
 QUICK_SIZES: tuple[Size, ...] = ((320, 240, 48), (640, 480, 64))
 WINDOWS = (9, 15, 21)
 PRESETS = ("fast", "balanced", "accurate")
+# Of window sums, besides sad.
+METHODS = ("sad5", "census", "bt")
 # The paper's image; its four bands are 20 to 50 rows tall.
 _BANDED: Size = (320, 240, 48)
 _BAND_WINDOW = 15
@@ -125,6 +127,7 @@ def rows(level: str, pair: Pair, plan: Plan) -> Iterator[Row]:
             )
             for tests in (False, True):
                 yield from _against_stereo_bm(scene, plan, context | {"tests": tests})
+                yield from _methods_against_stereo_bm(scene, plan, context | {"tests": tests})
             for tests in (False, True):
                 yield from _against_sgbm(scene, plan, context | {"tests": tests})
             if threads > 1:
@@ -141,6 +144,16 @@ def _against_stereo_bm(pair: Pair, plan: Plan, context: dict[str, Any]) -> Itera
         times = time_in_turns(pairing, plan.repeats, plan.budget_s, one_thread=threads == 1)
         check = _equal_inside(window // 2, disparities, both_answer=tests)
         yield _row(pairing[0], pairing[1], times[:, 0], times[:, 1], "equal", check, context)
+
+
+def _methods_against_stereo_bm(pair: Pair, plan: Plan, context: dict[str, Any]) -> Iterator[Row]:
+    """The other window sums: OpenCV has none of them."""
+    disparities, tests, threads = context["disparities"], context["tests"], context["threads"]
+    own = [run.method(name, pair, disparities, threads, tests=tests) for name in METHODS]
+    peer = run.stereo_bm(pair, disparities, plan.windows[0], tests=tests)
+    times = time_in_turns([*own, peer], plan.repeats, plan.budget_s, one_thread=threads == 1)
+    for i, mine in enumerate(own):
+        yield _row(mine, peer, times[:, i], times[:, -1], "agree", _agreement, context)
 
 
 def _against_sgbm(pair: Pair, plan: Plan, context: dict[str, Any]) -> Iterator[Row]:

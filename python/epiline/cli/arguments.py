@@ -16,6 +16,7 @@ from epiline._core import (
 )
 
 PRESETS = ("fast", "balanced", "accurate")
+METHODS = ("sad", "sad5", "census", "bt", "sgm")
 
 
 def whole(minimum: int, maximum: int | None = None) -> Callable[[str], int]:
@@ -57,12 +58,14 @@ def parameter(text: str) -> tuple[str, Any]:
 
 def add_matcher_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("matching")
-    group.add_argument(
+    how = group.add_mutually_exclusive_group()
+    how.add_argument(
         "--preset",
         choices=PRESETS,
         default="fast",
         help="block matching, or semi-global over three or four paths, each with all tests (default %(default)s)",
     )
+    how.add_argument("--method", choices=METHODS, help="instead of a preset: a method with its defaults, without tests")
     group.add_argument(
         "--disparities",
         type=whole(1),
@@ -93,7 +96,7 @@ def matcher_from(args: argparse.Namespace, width: int) -> StereoMatcher:
     """The matcher that the options describe, for images of this width."""
     given = {"block_size": args.window, "prefilter": args.prefilter}
     return StereoMatcher(
-        preset=args.preset,
+        **({"method": args.method} if args.method else {"preset": args.preset}),
         num_disparities=args.disparities or default_disparities(width),
         min_disparity=args.min_disparity,
         threads=args.threads,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from epiline._core import StereoMatcher
-from epiline.cli.arguments import PRESETS, parameter, whole
+from epiline.cli.arguments import METHODS, PRESETS, parameter, whole
 from epiline.cli.console import print_json, print_table, progress, say
 
 if TYPE_CHECKING:
@@ -70,7 +70,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=whole(1), metavar="N", help="threads of the matcher (default: all cores)")
     setting = parser.add_argument_group("what to evaluate (default: the built-in list)")
     setting.add_argument("--preset", nargs="+", choices=PRESETS, help="presets, each a setting")
-    setting.add_argument("--method", help="a method with its defaults, as one more setting")
+    setting.add_argument(
+        "--method", nargs="+", metavar="NAME", help=f"methods with their defaults, each a setting: {', '.join(METHODS)}"
+    )
     setting.add_argument(
         "--param", nargs="+", type=parameter, default=[], metavar="NAME=VALUE", help="parameters of each of these"
     )
@@ -121,8 +123,9 @@ def _settings(args: argparse.Namespace) -> list[Method]:
 
     given = dict(args.param)
     chosen: list[dict[str, Any]] = [{"preset": preset, **given} for preset in args.preset or ()]
-    if args.method or (given and not chosen):
-        chosen.append({**({"method": args.method} if args.method else {}), **given})
+    chosen += [{"method": method, **given} for method in args.method or ()]
+    if given and not chosen:
+        chosen.append(given)
     for parameters in chosen:
         # A wrong name or value should be said before any image is read.
         try:

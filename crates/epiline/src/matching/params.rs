@@ -17,7 +17,7 @@ pub enum Method {
     /// exposure, and keeps to edges.
     Census,
     /// Sampling-insensitive differences (Birchfield and Tomasi, PAMI 1998) of the prefiltered image and a quarter of those
-    /// of grey values, summed over a square window: holds up under noise, blur and rows that are not quite aligned.
+    /// of grey values, summed over a square window: the least disturbed by noise, but both cameras must be equally exposed.
     Bt,
     /// Semi-global matching (Hirschmüller, PAMI 2008) on sampling-insensitive differences and the census: slower, but it
     /// reaches across surfaces without texture and keeps to the edges of objects.
@@ -61,9 +61,12 @@ pub struct MatcherParams {
     /// with `num_disparities` it must not exceed the images' width.
     pub min_disparity: usize,
     /// Side of the window, odd, 1 to 31 px (15 for [`Method::Sgm`]). Larger is smoother and fattens edges. Try 9 on
-    /// sharp, 15 on noisy images; 3 or 5 for [`Method::Sgm`].
+    /// sharp, 15 on noisy images; 7 or 9 for [`Method::Sad5`], where it is that of each of the five windows; 3 or 5 for
+    /// [`Method::Sgm`]. In large windows of [`Method::Sad5`] and [`Method::Bt`] differences of pixels are truncated, at
+    /// `65 534 / 3n²` and `65 534 / n²` grey levels, so that sums fit 16 bits: with the prefilter's default from 19 and
+    /// 23 px on.
     pub block_size: usize,
-    /// Applied to both images.
+    /// Applied to both images; [`Method::Census`] compares grey values in any case.
     pub prefilter: Prefilter,
     /// Derivatives are clipped to plus or minus this, 1 to 63 grey levels.
     pub prefilter_cap: u8,
@@ -144,12 +147,14 @@ impl MatcherParams {
     /// Disparities are stored in sixteenths in 16 bits, so none reaches 4096.
     pub const MAX_DISPARITY: usize = 4095;
 
-    /// The defaults of a method.
+    /// The defaults of a method. The window of all but [`Method::Sad`] and [`Method::Sgm`] is the one with the fewest
+    /// pixels off by more than 1 px on the even of the 27 public scenes in the order of their names, without tests; of
+    /// two that differ by less than 0.1 points, the smaller.
     pub fn for_method(method: Method) -> Self {
         match method {
             Method::Sad => Self::default(),
-            Method::Sad5 => Self { method, block_size: 7, ..Self::default() },
-            Method::Census | Method::Bt => Self { method, block_size: 9, ..Self::default() },
+            Method::Sad5 => Self { method, block_size: 9, ..Self::default() },
+            Method::Census | Method::Bt => Self { method, block_size: 11, ..Self::default() },
             Method::Sgm => Self { method, block_size: 3, prefilter_cap: 15, ..Self::default() },
         }
     }
