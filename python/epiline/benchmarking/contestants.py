@@ -65,9 +65,9 @@ def sad(
 
 def method(name: str, pair: Pair, disparities: int, threads: int, *, tests: bool) -> Contestant:
     """A method with its own window, with the tests of `cv2.StereoBM` or none."""
-    chosen = {**(_TESTS if tests else _NO_TESTS), "num_disparities": disparities}
-    window = StereoMatcher(method=name).parameters["block_size"]
-    return ours(f"{name}, window {window}", pair, threads, method=name, **chosen)
+    chosen = {**(_TESTS if tests else _NO_TESTS), "method": name, "num_disparities": disparities}
+    window = StereoMatcher(**chosen).parameters["block_size"]
+    return ours(f"{name}, window {window}", pair, threads, **chosen)
 
 
 def preset(name: str, pair: Pair, disparities: int, threads: int, *, tests: bool) -> Contestant:

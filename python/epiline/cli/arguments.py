@@ -62,8 +62,7 @@ def add_matcher_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--preset",
         choices=PRESETS,
-        default="fast",
-        help="block matching, or semi-global over three or four paths, each with all tests (default %(default)s)",
+        help="block matching, or semi-global over three or four paths, each with all tests (default fast)",
     )
     how.add_argument("--method", choices=METHODS, help="instead of a preset: a method with its defaults, without tests")
     group.add_argument(
@@ -96,7 +95,7 @@ def matcher_from(args: argparse.Namespace, width: int) -> StereoMatcher:
     """The matcher that the options describe, for images of this width."""
     given = {"block_size": args.window, "prefilter": args.prefilter}
     return StereoMatcher(
-        **({"method": args.method} if args.method else {"preset": args.preset}),
+        **({"method": args.method} if args.method else {"preset": args.preset or "fast"}),
         num_disparities=args.disparities or default_disparities(width),
         min_disparity=args.min_disparity,
         threads=args.threads,
