@@ -146,7 +146,8 @@ impl StereoMatcher {
     /// matching the whole image with that range gives them. Everything else is [`Validity::BORDER`]. A pixel in several
     /// boxes has the range of the first. `out` takes the images' size; its range spans those of the boxes.
     ///
-    /// The cost is that of the boxes and of margins around them: half a window on every side; on the left the largest
+    /// The cost is that of the boxes and of margins around them: half a window on every side, with [`Method::Sad5`] a whole
+    /// one; on the left the largest
     /// disparity, and on the right, with the left–right test, as many columns as there are disparities. Islands of
     /// speckle that leave a box are followed outside of it. With [`MatcherParams::coarse_weight`],
     /// [`fill`](MatcherParams::fill) or [`smooth`](MatcherParams::smooth), and for [`Method::Sgm`], answers depend on the
