@@ -253,6 +253,73 @@ fn the_largest_sums_there_are_do_not_overflow() {
     }
 }
 
+/// Black against white in every pixel: windows of both sides of the switch to 32-bit sums.
+#[test]
+fn checkerboards_are_exact_where_sums_outgrow_sixteen_bits() {
+    let (width, height) = (47, 39);
+    let board = |offset: usize| Image::from_fn(width, height, |x, y| 255 * ((x + y + offset) % 2) as u8);
+    let stripes = |offset: usize| Image::from_fn(width, height, |x, _| 255 * ((x + offset) / 2 % 2) as u8);
+    for (prefilter, block_sizes, images) in [
+        (Prefilter::None, [15, 17], [board(0), board(1)]),
+        (Prefilter::None, [15, 17], [board(0), Image::from_fn(width, height, |x, _| 255 * u8::from(x > 9))]),
+        (Prefilter::XSobel, [21, 23], [stripes(0), stripes(2)]),
+    ] {
+        let [left, right] = images;
+        let scene = Scene { left, right, left_valid: None, right_valid: None };
+        for block_size in block_sizes {
+            let params = MatcherParams {
+                num_disparities: 33,
+                block_size,
+                prefilter,
+                prefilter_cap: 63,
+                uniqueness_ratio: 100,
+                left_right_max_diff: Some(1),
+                threads: Some(1),
+                ..MatcherParams::default()
+            };
+            let expected = scene.brute_force(&params);
+            for level in Level::available() {
+                let mut matcher = StereoMatcher::with_level(params, level).expect("legal parameters");
+                let name = format!("{} {prefilter:?} {block_size}", level.name());
+                assert_same(&scene.matcher(&mut matcher), &expected, &name);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_largest_settings_find_a_known_shift() {
+    let (width, height, shift) = (8192, 2, 1000);
+    let mut next = noise(3);
+    let right = Image::from_fn(width, height, |_, _| 255 * (next() & 1));
+    let left = Image::from_fn(width, height, |x, y| match x.checked_sub(shift) {
+        Some(opposite) => right.row(y)[opposite],
+        None => 255 * (next() & 1),
+    });
+    let scene = Scene { left, right, left_valid: None, right_valid: None };
+    for prefilter in [Prefilter::XSobel, Prefilter::None] {
+        let params = MatcherParams {
+            num_disparities: 1024,
+            block_size: 31,
+            prefilter,
+            uniqueness_ratio: 10,
+            left_right_max_diff: Some(1),
+            subpixel: false,
+            threads: Some(2),
+            ..MatcherParams::default()
+        };
+        for level in Level::available() {
+            let mut matcher = StereoMatcher::with_level(params, level).expect("legal parameters");
+            let map = scene.matcher(&mut matcher);
+            let inside = shift + 16;
+            for y in 0..height {
+                assert!(map.values.row(y)[inside..].iter().all(|&value| value == 16 * shift as u16));
+                assert!(map.validity.row(y)[inside..].iter().all(|&bits| bits == 0), "{}", level.name());
+            }
+        }
+    }
+}
+
 #[test]
 fn a_pixel_near_the_left_edge_has_fewer_candidates_not_none() {
     let scene = scene(64, 9, Content::Shifted, [false, false], 1);

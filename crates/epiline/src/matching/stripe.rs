@@ -1,4 +1,8 @@
 //! A stripe of rows: everything that happens row by row, with its own buffers.
+//!
+//! The largest of them holds the column sums: `2·width·lanes` bytes, where lanes are disparities rounded up to whole
+//! vectors, and twice that where sums need 32 bits. Without vectors, or with 32 bits, a row of costs is kept too, as large
+//! again. Nothing grows with the height but the images and the map.
 
 use std::ops::Range;
 
@@ -95,7 +99,7 @@ impl<C: CostKernels> Stripe<C> {
         self.rivals.resize(width, 0);
         self.nearby.resize(width, C::BLOCKED);
         self.right_best.resize(padded, C::BLOCKED);
-        self.texture.reset(width);
+        self.texture.reset(width, radius);
 
         let (first_row, radius) = (first_row as isize, radius as isize);
         for y in first_row - radius - 1..first_row + radius {
@@ -176,7 +180,7 @@ impl<C: CostKernels> Stripe<C> {
             let (level, threshold) = (params.prefilter_cap, params.texture_threshold);
             self.texture.enter(pair.texture_row(entering_y), level);
             self.texture.leave(pair.texture_row(leaving_y), level);
-            self.texture.mark(shape.radius, threshold, Validity::LOW_TEXTURE, except, bits);
+            self.texture.mark(kernels, threshold, Validity::LOW_TEXTURE, except, bits);
         }
     }
 }

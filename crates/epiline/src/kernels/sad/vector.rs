@@ -20,11 +20,12 @@
 //! 3. Differences are formed in bytes. If none exceeds 127, the difference of two of them fits a signed byte (`SMALL`).
 //! 4. The costs of a pixel never form a row in memory. Of an even lane, the odd one after it and the two beside them,
 //!    four costs are picked from the registers or, where there is no permutation for that (`PICKS`), read back from a
-//!    ring of a few pixels, [`BATCH`] pixels late: a load that straddles recent stores waits until they have left the
-//!    core. Which of the two is best is decided afterwards, for many pixels at once.
+//!    ring of a few pixels. Which of the two is best is decided for many pixels at once, [`BATCH`] pixels late: a load
+//!    that straddles recent stores waits until they have left the core.
 //! 5. The right image's best match needs no index. Lanes of column `x` belong to consecutive right pixels, one further
 //!    per column, so one vector set `R`, shifted a lane per column, collects every right pixel's smallest cost. A left
-//!    pixel agrees with the right image if that cost occurs near its own disparity ([`SadRow::nearby`]).
+//!    pixel agrees with the right image if that cost occurs near its own disparity ([`SadRow::nearby`]). Up to a reach
+//!    of [`NEAR`], it does so among the same four lanes of the columns to both sides; beyond, the ring has it.
 //! 6. The number of vectors is a constant, so that `H` and `R` are registers; [`padded_lanes`](super::padded_lanes)
 //!    rounds up to one that exists.
 //! 7. No intrinsic is called in a closure: a closure is compiled without the instruction set unless it happens to be
@@ -35,8 +36,11 @@
 
 use super::{AddRow, Choice, Cost, RowPair, RowShape, SadRow};
 
-/// Pixels whose costs are computed before the first of them are read back.
+/// Pixels at a time of what is decided for many at once, a batch after their costs are computed.
 const BATCH: usize = 16;
+
+/// How far the left–right test may reach without the ring.
+const NEAR: usize = 1;
 
 /// Cells after the even and after the odd lanes of a pixel in the ring, half of the lanes that [`SadRow::nearby`] may
 /// reach beyond the first or last: they stay blocked.
@@ -89,7 +93,9 @@ pub(in crate::kernels) trait SplitLanes: Lanes {
     /// Whether [`pick`](Self::pick) exists.
     const PICKS: bool;
     /// [`sad_row`], compiled for the instruction set.
-    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(row: &mut SadRow<'_, u16>);
+    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool>(
+        row: &mut SadRow<'_, u16>,
+    );
     /// [`add_row`], compiled for the instruction set.
     unsafe fn add_row(row: &mut AddRow<'_, u16>);
     /// `|left_in - right_in[i]| - |left_out - right_out[i]|`; if `SMALL`, no difference exceeds 127.
@@ -114,64 +120,70 @@ pub(in crate::kernels) type Column<V, const P: usize> = [[V; 2]; P];
 /// The row kernel for `P` pairs of vectors.
 ///
 /// # Safety
-/// The processor has the instructions of `V`, `row.check` passed, `shape.lanes` is `2 * P * V::COUNT`, and no
-/// difference exceeds 127 if `SMALL`.
+/// The processor has the instructions of `V`, `row.check` passed, `shape.lanes` is `2 * P * V::COUNT`, no difference
+/// exceeds 127 if `SMALL`, `LEFT_RIGHT` tells whether `left_right_reach` is set, and `COARSE` whether there are coarse
+/// costs.
 #[inline(always)]
-pub(super) unsafe fn sad_row<V: SplitLanes, const P: usize, const SMALL: bool, const LEFT_RIGHT: bool>(
+pub(super) unsafe fn sad_row<
+    V: SplitLanes,
+    const P: usize,
+    const SMALL: bool,
+    const LEFT_RIGHT: bool,
+    const COARSE: bool,
+>(
     row: &mut SadRow<'_, u16>,
 ) {
     let RowShape { width, radius, lanes, .. } = row.shape;
     let reach = row.shape.left_right_reach.unwrap_or(0);
-    let (last, delay) = (width - 1, BATCH.max(reach));
+    let last = width - 1;
     // Columns, but for the last, whose window lies inside the image and all of whose lanes are candidates.
     let inner = row.shape.blocked_columns.max(radius + 1)..width - radius.clamp(1, width);
     // SAFETY: the caller's promises are passed on. The ring is indexed as `Ring` demands.
     unsafe {
         let ring = Ring::new(row.scratch, &row.shape);
-        for column in 1..=reach {
-            ring.block::<V, P>(0_usize.wrapping_sub(column));
+        if LEFT_RIGHT {
+            for column in 1..=reach {
+                ring.block::<V, P>(0_usize.wrapping_sub(column));
+            }
         }
         let mut walk = Walk::<V, P>::start::<SMALL>(row);
+        let mut picked = Picked::default();
         let mut read = 0;
         for batch in (0..width).step_by(BATCH) {
             let end = (batch + BATCH).min(width);
             // A batch never wraps around: the ring's length is a multiple of it.
             let mut cells = ring.column(batch);
-            let mut picked = Picked::default();
             if inner.start <= batch && batch + BATCH <= inner.end {
                 for x in batch..batch + BATCH {
-                    let (at, costs) = walk.column::<SMALL, LEFT_RIGHT, false>(row, x, &ring, cells);
-                    (picked.at[x - batch], picked.costs[x - batch]) = (at, costs);
+                    walk.column::<SMALL, LEFT_RIGHT, COARSE, false>(row, x, &ring, cells, &mut picked);
                     cells = cells.add(ring.stride);
                 }
             } else {
                 for x in batch..end {
-                    let (at, costs) = walk.column::<SMALL, LEFT_RIGHT, true>(row, x, &ring, cells);
-                    (picked.at[x - batch], picked.costs[x - batch]) = (at, costs);
+                    walk.column::<SMALL, LEFT_RIGHT, COARSE, true>(row, x, &ring, cells, &mut picked);
                     cells = cells.add(ring.stride);
                 }
             }
-            if V::PICKS {
-                picked.choose(lanes, row.chosen.get_unchecked_mut(batch..end));
-            } else {
-                for x in batch..end {
-                    row.chosen.get_unchecked_mut(x).lane = picked.at[x - batch];
-                }
+            if batch > 0 {
+                finish::<V, LEFT_RIGHT>(row, &ring, &mut picked, batch - BATCH..batch);
             }
-            if LEFT_RIGHT || !V::PICKS {
-                let until = end.saturating_sub(delay).max(read);
-                ring.read_back::<V, LEFT_RIGHT>(row, read..until);
+            if LEFT_RIGHT && reach > NEAR {
+                let until = end.saturating_sub(reach).min(batch).max(read);
+                ring.find_nearby(row, read..until);
                 read = until;
             }
         }
-        if !LEFT_RIGHT && V::PICKS {
-            return;
-        }
-        for column in width..width + reach {
-            ring.block::<V, P>(column);
-        }
-        ring.read_back::<V, LEFT_RIGHT>(row, read..width);
         if LEFT_RIGHT {
+            for column in width..width + reach {
+                ring.block::<V, P>(column);
+            }
+        }
+        picked.smaller[last % (2 * BATCH)] = u64::MAX;
+        finish::<V, LEFT_RIGHT>(row, &ring, &mut picked, last / BATCH * BATCH..width);
+        if LEFT_RIGHT {
+            if reach > NEAR {
+                ring.find_nearby(row, read..width);
+            }
             // After the last column all lanes are final, not only the first. The ring has room for them.
             ring.store(ring.column(0), &walk.right);
             for lane in 0..lanes {
@@ -204,42 +216,124 @@ pub(super) unsafe fn add_row<V: SplitLanes>(row: &mut AddRow<'_, u16>) {
     }
 }
 
-/// Where the best costs of a batch are, and the costs around them.
-#[derive(Default)]
+/// Completes a batch, or what there is of it.
+///
+/// # Safety
+/// `row.check` passed; the batch's columns, and one to each side, were computed or blocked.
+#[inline(always)]
+unsafe fn finish<V: SplitLanes, const LEFT_RIGHT: bool>(
+    row: &mut SadRow<'_, u16>,
+    ring: &Ring,
+    picked: &mut Picked,
+    batch: std::ops::Range<usize>,
+) {
+    let RowShape { lanes, left_right_reach, .. } = row.shape;
+    let reach = left_right_reach.unwrap_or(0);
+    // SAFETY: columns are below the width.
+    unsafe {
+        if !V::PICKS {
+            ring.pick(picked, batch.clone(), LEFT_RIGHT && reach == NEAR);
+        }
+        let choices = picked.choose(lanes, batch.start);
+        if LEFT_RIGHT && reach <= NEAR {
+            let nearby = picked.nearby(lanes, batch.start, reach, &choices);
+            put(&nearby, row.nearby.get_unchecked_mut(batch.clone()));
+        }
+        put(&as_choices(choices), row.chosen.get_unchecked_mut(batch));
+    }
+}
+
+/// Numbers assembled by [`choose`] as what they stand for.
+#[inline(always)]
+fn as_choices(mut choices: [u64; BATCH]) -> [Choice<u16>; BATCH] {
+    for i in 0..BATCH {
+        choices[i] = choices[i].to_le();
+    }
+    // SAFETY: a choice is four 16-bit numbers in the layout of C, the first in the lowest bits.
+    unsafe { std::mem::transmute(choices) }
+}
+
+/// Copies a batch that may be cut short.
+#[inline(always)]
+fn put<T: Copy>(batch: &[T; BATCH], to: &mut [T]) {
+    if let Ok(to) = <&mut [T; BATCH]>::try_from(&mut *to) {
+        *to = *batch;
+    } else {
+        to.copy_from_slice(&batch[..to.len()]);
+    }
+}
+
+/// Where the best costs of two batches are, and the costs around them; what belongs to column `x` lies at `x` modulo
+/// their length.
 struct Picked {
     /// Half of the best lane, rounded down.
-    at: [u16; BATCH],
+    at: [u16; 2 * BATCH],
     /// What [`SplitLanes::pick`] gives for it.
-    costs: [u64; BATCH],
+    costs: [u64; 2 * BATCH],
+    /// The same lanes of column `x - 1`, where the right pixels opposite `x` have larger disparities.
+    larger: [u64; 2 * BATCH],
+    /// The same lanes of column `x + 1`, where they have smaller ones.
+    smaller: [u64; 2 * BATCH],
+}
+
+impl Default for Picked {
+    fn default() -> Self {
+        let none = [u64::MAX; 2 * BATCH];
+        Self { at: [0; 2 * BATCH], costs: none, larger: none, smaller: none }
+    }
+}
+
+/// The costs of a batch from those of two.
+#[inline(always)]
+fn batch_of<T: Copy>(both: &[T; 2 * BATCH], first: usize) -> &[T; BATCH] {
+    &both.as_chunks().0[first / BATCH % 2]
 }
 
 impl Picked {
-    /// Decides between the even and the odd lane. The batch may be cut short.
+    /// Decides between the even and the odd lane; see [`choose`].
     #[inline(always)]
-    fn choose(&self, lanes: usize, chosen: &mut [Choice<u16>]) {
-        let mut choices = [0_u64; BATCH];
+    fn choose(&self, lanes: usize, first: usize) -> [u64; BATCH] {
+        let (at, costs) = (batch_of(&self.at, first), batch_of(&self.costs, first));
+        let mut choices = [0; BATCH];
         for i in 0..BATCH {
-            choices[i] = choose(self.costs[i], self.at[i], lanes).to_le();
+            choices[i] = choose(costs[i], at[i], lanes);
         }
-        // SAFETY: a choice is four 16-bit numbers in the layout of C: what is assembled here.
-        let choices: [Choice<u16>; BATCH] = unsafe { std::mem::transmute(choices) };
-        if let Ok(chosen) = <&mut [_; BATCH]>::try_from(&mut *chosen) {
-            *chosen = choices;
-        } else {
-            chosen.copy_from_slice(&choices[..chosen.len()]);
+        choices
+    }
+
+    /// See [`SadRow::nearby`].
+    #[inline(always)]
+    fn nearby(&self, lanes: usize, first: usize, reach: usize, choices: &[u64; BATCH]) -> [u16; BATCH] {
+        let (larger, smaller) = (batch_of(&self.larger, first), batch_of(&self.smaller, first));
+        // Nothing is near at a reach of 0.
+        let none = if reach == 0 { BLOCKED } else { 0 };
+        let mut nearby = [0; BATCH];
+        for i in 0..BATCH {
+            let (best, lane) = (choices[i] >> 16 & BLOCKED, choices[i] >> 48);
+            let shift = 16 * (lane & 1);
+            // One lane up in the column before, one down in the column after.
+            let up = larger[i] >> (32 + shift) & BLOCKED;
+            let down = smaller[i] >> shift & BLOCKED;
+            let up = if lane + 1 == lanes as u64 { BLOCKED } else { up | none };
+            let down = if lane == 0 { BLOCKED } else { down | none };
+            let other = if up < down { up } else { down };
+            nearby[i] = if other < best { other } else { best } as u16;
         }
+        nearby
     }
 }
+
+/// A blocked cost among others.
+const BLOCKED: u64 = u16::BLOCKED as u64;
 
 /// The [`Choice`] among lanes `2 * at` and `2 * at + 1`, given their costs and those beside them; lowest bits first.
 #[inline(always)]
 fn choose(costs: u64, at: u16, lanes: usize) -> u64 {
-    const BLOCKED: u64 = u16::BLOCKED as u64;
     let (even, odd) = (costs >> 16 & BLOCKED, costs >> 32 & BLOCKED);
     // Of equal costs, the first lane's.
     let is_odd = u64::from(odd < even);
     let lane = 2 * u64::from(at) + is_odd;
-    let around = if is_odd == 1 { costs >> 16 } else { costs } & 0x0000_FFFF_FFFF_FFFF;
+    let around = costs >> (16 * is_odd) & 0x0000_FFFF_FFFF_FFFF;
     let before = if lane == 0 { BLOCKED } else { 0 };
     let after = if lane + 1 == lanes as u64 { BLOCKED << 32 } else { 0 };
     around | before | after | lane << 48
@@ -274,6 +368,9 @@ struct Walk<V, const P: usize> {
     window: Column<V, P>,
     /// Smallest costs so far of the right pixels opposite the current column: `R`.
     right: Column<V, P>,
+    /// Costs of the column before, and what was returned for it.
+    before: Column<V, P>,
+    at_before: usize,
     /// [`rival_factor`] of the uniqueness ratio.
     rival_factor: u64,
 }
@@ -324,32 +421,35 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
                     }
                 }
             }
-            let right = [[V::splat(u16::BLOCKED); 2]; P];
+            let blocked = [[V::splat(u16::BLOCKED); 2]; P];
             Self {
                 pixels,
                 sums,
                 shape: row.shape,
                 window,
-                right,
+                right: blocked,
+                before: blocked,
+                at_before: 0,
                 rival_factor: rival_factor(uniqueness_ratio),
             }
         }
     }
 
-    /// Moves the window to column `x`, the next one. Returns half of the best lane and, if `V` picks, the costs around.
+    /// Moves the window to column `x`, the next one, and notes half of the best lane and, if `V` picks, the costs around.
     ///
     /// # Safety
     /// As [`sad_row`]; `cells` is the column's place in the ring. If not `EDGE`, the window around `x` and the one
     /// before lie inside the image, no lane is blocked, and a column follows.
     #[inline(always)]
-    unsafe fn column<const SMALL: bool, const LEFT_RIGHT: bool, const EDGE: bool>(
+    unsafe fn column<const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool, const EDGE: bool>(
         &mut self,
         row: &mut SadRow<'_, u16>,
         x: usize,
         ring: &Ring,
         cells: *mut u16,
-    ) -> (u16, u64) {
-        let RowShape { width, radius, blocked_columns, uniqueness_ratio, .. } = self.shape;
+        picked: &mut Picked,
+    ) {
+        let RowShape { width, radius, blocked_columns, uniqueness_ratio, left_right_reach, .. } = self.shape;
         let (sums, last) = (self.sums, width - 1);
         // SAFETY: column `c <= last` has its sums at `c * LANES`, its right pixels and their blocks at
         // `c..c + LANES`; `check` made the slices that long.
@@ -371,7 +471,7 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
             }
 
             let mut costs = self.window;
-            if !row.coarse.is_empty() {
+            if COARSE {
                 let even = row.coarse.as_ptr().add(x / 2 * Self::LANES);
                 let odd = even.add(Self::LANES / 2);
                 for p in 0..P {
@@ -399,8 +499,19 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
             }
             let best = smallest.splat_min();
             let at = V::first_equal(&least, best);
-            if LEFT_RIGHT || !V::PICKS {
+            let slot = x % (2 * BATCH);
+            picked.at[slot] = at as u16;
+            if V::PICKS {
+                picked.costs[slot] = V::pick(&costs, at);
+            }
+            let reach = left_right_reach.unwrap_or(0);
+            if !V::PICKS || LEFT_RIGHT && reach > NEAR {
                 ring.store(cells, &costs);
+            } else if LEFT_RIGHT {
+                picked.larger[slot] = V::pick(&self.before, at);
+                let slot_before = (x + 2 * BATCH - 1) % (2 * BATCH);
+                picked.smaller[slot_before] = V::pick(&costs, self.at_before);
+                (self.before, self.at_before) = (costs, at);
             }
             if uniqueness_ratio > 0 {
                 let limit = V::splat(rival_limit(best.first(), self.rival_factor));
@@ -421,7 +532,6 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
                     shift_down(&mut self.right);
                 }
             }
-            (at as u16, if V::PICKS { V::pick(&costs, at) } else { 0 })
         }
     }
 }
@@ -551,51 +661,61 @@ impl Ring {
         unsafe { self.store(self.column(x), &[[V::splat(u16::BLOCKED); 2]; P]) }
     }
 
-    /// Completes some columns with costs from the ring.
+    /// What [`SplitLanes::pick`] would have given for some columns, and if `neighbours`, for those beside them.
     ///
     /// # Safety
-    /// `row.check` passed and the ring holds the columns from `columns.start - reach` to `columns.end - 1 + reach`.
+    /// The ring holds these columns, and their neighbours if asked for.
     #[inline(always)]
-    unsafe fn read_back<V: SplitLanes, const LEFT_RIGHT: bool>(
-        &self,
-        row: &mut SadRow<'_, u16>,
-        columns: std::ops::Range<usize>,
-    ) {
-        let reach = row.shape.left_right_reach.unwrap_or(0) as isize;
-        // SAFETY: columns are below the width, lanes below `lanes`; what is read lies at most `reach`, or two lanes,
-        // beside them, which the guards have room for.
+    unsafe fn pick(&self, picked: &mut Picked, columns: std::ops::Range<usize>, neighbours: bool) {
+        // SAFETY: what is read lies at most a lane beside a column's, which the guards have room for.
         unsafe {
-            if !V::PICKS {
-                for batch in columns.clone().step_by(BATCH) {
-                    let end = columns.end.min(batch + BATCH);
-                    let mut picked = Picked::default();
-                    for x in batch..end {
-                        let at = row.chosen.get_unchecked(x).lane;
-                        let even = self.column(x).add(at.into());
-                        let (odds, evens) =
-                            (even.add(self.half).sub(1).cast::<[u16; 2]>(), even.cast::<[u16; 2]>());
-                        let ([before, odd], [even, after]) = (*odds, *evens);
-                        picked.at[x - batch] = at;
-                        picked.costs[x - batch] = u64::from(before)
-                            | u64::from(even) << 16
-                            | u64::from(odd) << 32
-                            | u64::from(after) << 48;
-                    }
-                    picked.choose(row.shape.lanes, row.chosen.get_unchecked_mut(batch..end));
+            for x in columns {
+                let slot = x % (2 * BATCH);
+                let at = usize::from(picked.at[slot]);
+                picked.costs[slot] = self.four(x, at);
+                if neighbours {
+                    picked.larger[slot] = self.four(x.wrapping_sub(1), at);
+                    picked.smaller[slot] = self.four(x + 1, at);
                 }
             }
-            if LEFT_RIGHT {
-                for x in columns {
-                    let Choice { best, lane, .. } = *row.chosen.get_unchecked(x);
-                    let lane = lane as isize;
-                    let mut nearby = best;
-                    for j in 1..=reach {
-                        let larger = *self.cell(self.column(x.wrapping_add_signed(j)), lane - j);
-                        let smaller = *self.cell(self.column(x.wrapping_add_signed(-j)), lane + j);
-                        nearby = nearby.min(larger).min(smaller);
-                    }
-                    *row.nearby.get_unchecked_mut(x) = nearby;
+        }
+    }
+
+    /// Lanes `2 * at - 1` to `2 * at + 2` of a column.
+    ///
+    /// # Safety
+    /// As [`column`](Self::column), and `at` is a pair of lanes.
+    #[inline(always)]
+    unsafe fn four(&self, x: usize, at: usize) -> u64 {
+        // SAFETY: the caller's; a guard follows the even and the odd lanes.
+        unsafe {
+            let even = self.column(x).add(at);
+            let (odds, evens) = (even.add(self.half).sub(1).cast::<[u16; 2]>(), even.cast::<[u16; 2]>());
+            let ([before, odd], [even, after]) = (*odds, *evens);
+            u64::from(before) | u64::from(even) << 16 | u64::from(odd) << 32 | u64::from(after) << 48
+        }
+    }
+
+    /// [`SadRow::nearby`] of some columns.
+    ///
+    /// # Safety
+    /// `row.check` passed, the columns are chosen, and the ring holds those within the reach.
+    #[inline(always)]
+    unsafe fn find_nearby(&self, row: &mut SadRow<'_, u16>, columns: std::ops::Range<usize>) {
+        let reach = row.shape.left_right_reach.unwrap_or(0) as isize;
+        // SAFETY: columns are below the width, lanes below `lanes`; what is read lies at most `reach` beside them, which
+        // the guards have room for.
+        unsafe {
+            for x in columns {
+                let Choice { best, lane, .. } = *row.chosen.get_unchecked(x);
+                let lane = lane as isize;
+                let mut nearby = best;
+                for j in 1..=reach {
+                    let larger = *self.cell(self.column(x.wrapping_add_signed(j)), lane - j);
+                    let smaller = *self.cell(self.column(x.wrapping_add_signed(-j)), lane + j);
+                    nearby = nearby.min(larger).min(smaller);
                 }
+                *row.nearby.get_unchecked_mut(x) = nearby;
             }
         }
     }
@@ -608,33 +728,38 @@ impl Ring {
 pub(super) unsafe fn dispatch<V: SplitLanes>(row: &mut SadRow<'_, u16>) {
     // SAFETY: the caller's; no difference exceeds 127 where `SMALL` is chosen.
     unsafe {
-        match (row.shape.largest_difference <= 127, row.shape.left_right_reach.is_some()) {
-            (true, false) => dispatch_lanes::<V, true, false>(row),
-            (true, true) => dispatch_lanes::<V, true, true>(row),
-            (false, false) => dispatch_lanes::<V, false, false>(row),
-            (false, true) => dispatch_lanes::<V, false, true>(row),
+        let left_right = row.shape.left_right_reach.is_some();
+        match (row.shape.largest_difference <= 127, left_right, !row.coarse.is_empty()) {
+            (true, false, false) => dispatch_lanes::<V, true, false, false>(row),
+            (true, false, true) => dispatch_lanes::<V, true, false, true>(row),
+            (true, true, false) => dispatch_lanes::<V, true, true, false>(row),
+            (true, true, true) => dispatch_lanes::<V, true, true, true>(row),
+            (false, false, false) => dispatch_lanes::<V, false, false, false>(row),
+            (false, false, true) => dispatch_lanes::<V, false, false, true>(row),
+            (false, true, false) => dispatch_lanes::<V, false, true, false>(row),
+            (false, true, true) => dispatch_lanes::<V, false, true, true>(row),
         }
     }
 }
 
 /// # Safety
 /// As [`dispatch`], and no difference exceeds 127 if `SMALL`.
-unsafe fn dispatch_lanes<V: SplitLanes, const SMALL: bool, const LEFT_RIGHT: bool>(
+unsafe fn dispatch_lanes<V: SplitLanes, const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool>(
     row: &mut SadRow<'_, u16>,
 ) {
     // SAFETY: the caller's; the number of lanes is that of the instance.
     unsafe {
         match row.shape.lanes / (2 * V::COUNT) {
-            1 => V::sad_row::<1, SMALL, LEFT_RIGHT>(row),
-            2 => V::sad_row::<2, SMALL, LEFT_RIGHT>(row),
-            3 => V::sad_row::<3, SMALL, LEFT_RIGHT>(row),
-            4 => V::sad_row::<4, SMALL, LEFT_RIGHT>(row),
-            6 => V::sad_row::<6, SMALL, LEFT_RIGHT>(row),
-            8 => V::sad_row::<8, SMALL, LEFT_RIGHT>(row),
-            16 => V::sad_row::<16, SMALL, LEFT_RIGHT>(row),
-            32 => V::sad_row::<32, SMALL, LEFT_RIGHT>(row),
+            1 => V::sad_row::<1, SMALL, LEFT_RIGHT, COARSE>(row),
+            2 => V::sad_row::<2, SMALL, LEFT_RIGHT, COARSE>(row),
+            3 => V::sad_row::<3, SMALL, LEFT_RIGHT, COARSE>(row),
+            4 => V::sad_row::<4, SMALL, LEFT_RIGHT, COARSE>(row),
+            6 => V::sad_row::<6, SMALL, LEFT_RIGHT, COARSE>(row),
+            8 => V::sad_row::<8, SMALL, LEFT_RIGHT, COARSE>(row),
+            16 => V::sad_row::<16, SMALL, LEFT_RIGHT, COARSE>(row),
+            32 => V::sad_row::<32, SMALL, LEFT_RIGHT, COARSE>(row),
             #[cfg(target_arch = "aarch64")]
-            64 => V::sad_row::<64, SMALL, LEFT_RIGHT>(row),
+            64 => V::sad_row::<64, SMALL, LEFT_RIGHT, COARSE>(row),
             pairs => unreachable!("padded_lanes gives no {pairs} pairs of vectors"),
         }
     }
