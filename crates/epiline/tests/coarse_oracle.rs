@@ -5,7 +5,7 @@ mod oracle;
 use epiline::image::Image;
 use epiline::kernels::Kernels;
 use epiline::kernels::Level;
-use epiline::kernels::coarse::RefineRow;
+use epiline::kernels::coarse::{RefineRow, padding};
 use epiline::matching::{DisparityMap, MatcherParams, Method, Prefilter, StereoMatcher, brute_force};
 use oracle::{NO_CANDIDATE, Oracle, Scene, scene};
 use proptest::prelude::*;
@@ -142,38 +142,41 @@ fn a_weight_beyond_its_range_is_an_error_that_names_it() {
 #[test]
 fn refined_costs_are_the_same_at_every_level() {
     let (coarse_lanes, columns) = (32, 5);
-    let costs: Vec<u8> = (0..columns * coarse_lanes).map(|i| (i * 97 % 256) as u8).collect();
-    for (first_lane, start, lanes) in [(0, -1, 64), (10, 9, 32), (31, -20, 96), (0, 30, 16), (5, -40, 64)] {
+    for (lanes, num_disparities) in [(64, 64), (64, 63), (32, 17), (96, 62), (16, 16), (64, 1)] {
+        let costs: Vec<u8> = (0..padding(coarse_lanes, lanes) + columns * coarse_lanes)
+            .map(|i| (i * 97 % 256) as u8)
+            .collect();
         for starts_odd in [false, true] {
             let refined = |level: Level| {
                 let mut added = vec![u16::MAX; columns * lanes];
                 Kernels::new(level).refine(&mut RefineRow {
                     coarse_lanes,
-                    first_lane,
-                    end_lane: coarse_lanes,
-                    start,
-                    starts_odd,
                     factor: 70_001,
                     costs: &costs,
                     lanes,
+                    num_disparities,
+                    starts_odd,
                     added: &mut added,
                 });
                 added
             };
+            // Both resolutions end with the smallest disparity, `starts_odd` tells which; 7 and 6 are 3 at half of it.
+            let smallest = if starts_odd { 6 } else { 7 };
+            let largest = smallest + num_disparities - 1;
             for (i, &value) in refined(Level::SCALAR).iter().enumerate() {
                 // Even lanes first.
                 let (x, at) = (i / lanes, i % lanes);
-                let k = if at < lanes / 2 { 2 * at } else { 2 * (at - lanes / 2) + 1 };
-                let cell = |j: usize| {
-                    let lane = (start + j as isize).clamp(first_lane as isize, coarse_lanes as isize - 1);
-                    u64::from(costs[x * coarse_lanes + lane as usize])
+                let lane = if at < lanes / 2 { 2 * at } else { 2 * (at - lanes / 2) + 1 };
+                let disparity = smallest + lanes - 1 - lane;
+                if disparity > largest {
+                    continue;
+                }
+                let cost = |half: usize| {
+                    let end = padding(coarse_lanes, lanes) + (x + 1) * coarse_lanes;
+                    u64::from(costs[end - 1 - (half.min(largest / 2) - 3)])
                 };
-                let doubled = match (starts_odd, k % 2) {
-                    (true, 0) | (false, 1) => cell(k / 2) + cell(k / 2 + 1),
-                    (true, _) => 2 * cell(k / 2 + 1),
-                    (false, _) => 2 * cell(k / 2),
-                };
-                assert_eq!(u64::from(value), (doubled * 70_001) >> 16, "column {x}, lane {k}");
+                let doubled = cost(disparity / 2) + cost(disparity.div_ceil(2));
+                assert_eq!(u64::from(value), (doubled * 70_001) >> 16, "column {x}, disparity {disparity}");
             }
             for level in Level::available() {
                 assert_eq!(refined(level), refined(Level::SCALAR), "{}", level.name());

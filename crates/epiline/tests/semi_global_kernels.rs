@@ -3,7 +3,7 @@
 use epiline::kernels::sad::Choice;
 use epiline::kernels::semi_global::features::{CENSUS_BYTES, CensusRow, Channel, ExtremesRow, PixelRow};
 use epiline::kernels::semi_global::{
-    CostRow, HorizontalRow, NO_CANDIDATE, SumRow, VerticalRow, WindowRow, reference,
+    CostRow, ExcessRow, HorizontalRow, NO_CANDIDATE, SumRow, VerticalRow, WindowRow, reference,
 };
 use epiline::kernels::{Kernels, Level};
 use proptest::prelude::*;
@@ -258,6 +258,20 @@ fn paths(case: &Case, lanes: usize, variant: Variant, out: &mut Outcome) {
             right_best: right_best.inside(),
         }
     );
+    let mut excess = Guarded::of(&vec![7; cells], 0xA5);
+    call!(
+        variant,
+        excess,
+        excess_row,
+        &mut ExcessRow {
+            lanes,
+            from_left: &left,
+            from_right: &right,
+            from_above: &above,
+            excess: excess.inside(),
+        }
+    );
+    out.push(("excess", wide(excess.checked("excess"))));
     let chosen = chosen.checked("chosen").iter().flat_map(|c| [c.before, c.best, c.after, c.lane]).collect();
     out.extend([("from_left", wide(left)), ("from_right", wide(right)), ("above", wide(above))]);
     out.extend([("smallest", wide(smallest.checked("smallest"))), ("sums", sums.checked("sums"))]);

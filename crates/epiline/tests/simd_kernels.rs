@@ -3,8 +3,10 @@
 //! Widths cover every tail, lanes every number of vectors there is an instance for, pixels the extremes that make sums
 //! as large as they get. Outputs lie between guard cells.
 
+use epiline::kernels::islands::BreaksRow;
 use epiline::kernels::sad::{AddRow, Choice, Cost, RowPair, RowShape, SadRow};
 use epiline::kernels::select::SelectRow;
+use epiline::kernels::texture::TextureRow;
 use epiline::kernels::xsobel::XSobelRow;
 use epiline::kernels::{CostKernels, Kernels, Level};
 use proptest::prelude::*;
@@ -337,6 +339,64 @@ proptest! {
     fn selection_is_exact(width in 1..100_usize, seed in any::<u64>(), ratio in prop::sample::select(vec![0_u32, 1, 15, 100])) {
         check_select::<u16>(width, 65_534, seed, ratio, |cost| cost as u16);
         check_select::<u32>(width, 255 * 31 * 31, seed, ratio, |cost| cost);
+    }
+
+    #[test]
+    fn texture_agrees(
+        width in 1..200_usize,
+        radius in 0..=15_usize,
+        threshold in 0..3000_u32,
+        seed in any::<u64>(),
+    ) {
+        let mut noise = Noise(seed | 1);
+        let columns: Vec<u16> = (0..width).map(|_| u16::from(noise.next()) * 7).collect();
+        let before = noise.pixels(width, 3, Content::Noise);
+        for kernels in Level::available().map(Kernels::new) {
+            let mut padded = Guarded::new(width + 2 * radius, 9, 0xA5A5);
+            padded.inside()[radius..radius + width].copy_from_slice(&columns);
+            let mut bits = Guarded::new(width, 0, 0xA5);
+            bits.inside().copy_from_slice(&before);
+            let (columns_out, row) = (padded.inside(), bits.inside());
+            kernels.texture(&mut TextureRow {
+                columns: columns_out,
+                radius,
+                threshold,
+                bit: 16,
+                except: 2,
+                bits: row,
+            });
+            padded.checked("columns");
+            for (x, &bits) in bits.checked("bits").iter().enumerate() {
+                let window = x as isize - radius as isize..=(x + radius) as isize;
+                let sum: u32 =
+                    window.map(|i| u32::from(columns[i.clamp(0, width as isize - 1) as usize])).sum();
+                let marked = if sum < threshold && before[x] & 2 == 0 { 16 } else { 0 };
+                prop_assert_eq!(bits, before[x] | marked, "{} x = {}", kernels.level().name(), x);
+            }
+        }
+    }
+
+    #[test]
+    fn breaks_agree(width in 1..200_usize, range in 0..40_u16, seed in any::<u64>()) {
+        let mut noise = Noise(seed | 1);
+        let values: Vec<u16> = (0..width).map(|_| u16::from(noise.next()) / 3).collect();
+        let bits: Vec<u8> = (0..width).map(|_| [0, 0, 0, 128, 4, 132][usize::from(noise.next()) % 6]).collect();
+        for kernels in Level::available().map(Kernels::new) {
+            let mut breaks = Guarded::new(width, 7, 0xA5);
+            kernels.breaks(&mut BreaksRow {
+                values: &values,
+                bits: &bits,
+                except: 127,
+                range,
+                breaks: breaks.inside(),
+            });
+            for (x, &actual) in breaks.checked("breaks").iter().enumerate() {
+                let has = |x: usize| bits[x] & 127 == 0;
+                let is_break = x > 0
+                    && (has(x - 1) != has(x) || has(x) && values[x - 1].abs_diff(values[x]) > range);
+                prop_assert_eq!(actual, u8::from(is_break), "{} x = {}", kernels.level().name(), x);
+            }
+        }
     }
 
     #[test]

@@ -4,20 +4,24 @@
 //! references and overwritten upward; each entry computes the same bits at every level (`tests/simd_kernels.rs`).
 
 pub mod coarse;
+pub mod islands;
 mod level;
 pub mod sad;
 pub mod select;
 pub mod semi_global;
+pub mod texture;
 pub mod windowed;
 pub mod xsobel;
 
 pub use level::{Level, simd_level};
 
 use coarse::RefineRow;
+use islands::BreaksRow;
 use sad::{AddRow, RowShape, SadRow};
 use select::SelectRow;
 use semi_global::features::{CensusRow, ExtremesRow};
-use semi_global::{CostRow, HorizontalRow, SumRow, VerticalRow, WindowRow};
+use semi_global::{CostRow, ExcessRow, HorizontalRow, SumRow, VerticalRow, WindowRow};
+use texture::TextureRow;
 use windowed::{BestRow, BestWindowsRow, BoxRow, PixelCostRow};
 use xsobel::XSobelRow;
 
@@ -76,6 +80,8 @@ pub struct Kernels {
     select_u32: kernel!(SelectRow, u32),
     refine: kernel!(RefineRow),
     xsobel: kernel!(XSobelRow),
+    texture: kernel!(TextureRow),
+    breaks: kernel!(BreaksRow),
     extremes: kernel!(ExtremesRow),
     census: kernel!(CensusRow),
     cost: kernel!(CostRow),
@@ -83,6 +89,7 @@ pub struct Kernels {
     horizontal: kernel!(HorizontalRow),
     vertical: kernel!(VerticalRow),
     sum: kernel!(SumRow),
+    excess: kernel!(ExcessRow),
     pixel_cost: kernel!(PixelCostRow),
     boxes: kernel!(BoxRow),
     best_windows: kernel!(BestWindowsRow),
@@ -105,6 +112,8 @@ impl Kernels {
             select_u32: select::wide,
             refine: coarse::refine_row,
             xsobel: xsobel::xsobel_row,
+            texture: texture::texture_row,
+            breaks: islands::breaks_row,
             extremes: semi_global::features::extremes,
             census: semi_global::features::census,
             cost: semi_global::reference::cost_row,
@@ -112,6 +121,7 @@ impl Kernels {
             horizontal: semi_global::reference::horizontal_row,
             vertical: semi_global::reference::vertical_row,
             sum: semi_global::reference::sum_row,
+            excess: semi_global::reference::excess_row,
             pixel_cost: windowed::reference::pixel_cost_row,
             boxes: windowed::reference::box_row,
             best_windows: windowed::reference::best_windows_row,
@@ -131,6 +141,8 @@ impl Kernels {
                     select_u32: select::select_u32::avx512,
                     refine: coarse::row::avx512,
                     xsobel: xsobel::row::avx512,
+                    texture: texture::row::avx512,
+                    breaks: islands::row::avx512,
                     extremes: semi_global::features::extremes_row::avx512,
                     census: semi_global::features::census_row::avx512,
                     cost: semi_global::avx512::cost_row,
@@ -138,6 +150,7 @@ impl Kernels {
                     horizontal: semi_global::avx512::horizontal_row,
                     vertical: semi_global::avx512::vertical_row,
                     sum: semi_global::avx512::sum_row,
+                    excess: semi_global::avx512::excess_row,
                     pixel_cost: windowed::vector::avx512::pixel_cost_row,
                     boxes: windowed::vector::avx512::box_row,
                     best_windows: windowed::vector::avx512::best_windows_row,
@@ -157,6 +170,8 @@ impl Kernels {
                     select_u32: select::select_u32::avx2,
                     refine: coarse::row::avx2,
                     xsobel: xsobel::row::avx2,
+                    texture: texture::row::avx2,
+                    breaks: islands::row::avx2,
                     extremes: semi_global::features::extremes_row::avx2,
                     census: semi_global::features::census_row::avx2,
                     cost: semi_global::avx2::cost_row,
@@ -164,6 +179,7 @@ impl Kernels {
                     horizontal: semi_global::avx2::horizontal_row,
                     vertical: semi_global::avx2::vertical_row,
                     sum: semi_global::avx2::sum_row,
+                    excess: semi_global::avx2::excess_row,
                     pixel_cost: windowed::vector::avx2::pixel_cost_row,
                     boxes: windowed::vector::avx2::box_row,
                     best_windows: windowed::vector::avx2::best_windows_row,
@@ -185,6 +201,7 @@ impl Kernels {
                 horizontal: semi_global::neon::horizontal_row,
                 vertical: semi_global::neon::vertical_row,
                 sum: semi_global::neon::sum_row,
+                excess: semi_global::neon::excess_row,
                 pixel_cost: windowed::vector::neon::pixel_cost_row,
                 boxes: windowed::vector::neon::box_row,
                 best_windows: windowed::vector::neon::best_windows_row,
@@ -213,6 +230,26 @@ impl Kernels {
         row.check();
         // SAFETY: the table was made from a level, which exists only where the processor has its instructions.
         unsafe { (self.xsobel)(row) }
+    }
+
+    /// Windows of a row with too little texture.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands; so too below.
+    pub fn texture(&self, row: &mut TextureRow<'_>) {
+        row.check();
+        // SAFETY: the table's level proves the instructions.
+        unsafe { (self.texture)(row) }
+    }
+
+    /// Where stretches of linked disparities end in a row.
+    ///
+    /// # Panics
+    /// As above.
+    pub fn breaks(&self, row: &mut BreaksRow<'_>) {
+        row.check();
+        // SAFETY: as above.
+        unsafe { (self.breaks)(row) }
     }
 
     /// What a row at half the resolution adds to costs.
@@ -298,6 +335,17 @@ impl Kernels {
         self.check_lanes(row.lanes);
         // SAFETY: the slices were checked; the table's level proves the instructions.
         unsafe { (self.sum)(row) }
+    }
+
+    /// By how much the sums over the paths exceed the best.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn excess(&self, row: &mut ExcessRow<'_>) {
+        row.check();
+        self.check_lanes(row.lanes);
+        // SAFETY: the slices were checked; the table's level proves the instructions.
+        unsafe { (self.excess)(row) }
     }
 
     /// Pixel costs of a row by one kind of difference, and their sums per column.

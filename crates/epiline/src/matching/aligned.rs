@@ -22,6 +22,13 @@ impl<T: Copy> AlignedVec<T> {
         self.start = self.data.as_ptr().align_offset(LINE_BYTES).min(slack);
         self.len = len;
     }
+
+    /// Makes it `len` values: those it has if it has so many, else copies of `value`.
+    pub fn resize(&mut self, len: usize, value: T) {
+        if self.len != len {
+            self.reset(len, value);
+        }
+    }
 }
 
 impl<T> Deref for AlignedVec<T> {

@@ -14,8 +14,9 @@ use super::aligned::AlignedVec;
 use super::params::{MatcherParams, Method};
 use super::semi_global::{Frame, Penalties, SemiGlobal};
 use super::stripe;
+use super::threads::run_all;
 use crate::image::{Image, ImageRef};
-use crate::kernels::coarse::RefineRow;
+use crate::kernels::coarse::{RefineRow, padding};
 use crate::kernels::{Kernels, Level};
 
 /// The excess of path sums in images of half the size.
@@ -28,7 +29,7 @@ pub(super) struct CoarseCosts {
     semi_global: SemiGlobal,
     images: [Image<u8>; 2],
     valid: [Image<u8>; 2],
-    /// Per row: half the width times the lanes.
+    /// Padding, then per row: half the width times the lanes.
     excess: AlignedVec<u8>,
     factor: u32,
 }
@@ -73,8 +74,17 @@ impl CoarseCosts {
         self.kernels = fewest_lanes(self.level, self.params.num_disparities);
         self.penalties = Penalties::new(self.params.p1, self.params.p2);
         self.factor = params.coarse_factor();
-        for (half, image) in self.images.iter_mut().zip([left, right]) {
-            halve(image, half, |pixels| (pixels.map(u16::from).iter().sum::<u16>() + 2).div_euclid(4) as u8);
+        let halves = self.images.iter_mut().zip([left, right]).map(|(half, image)| {
+            move || {
+                halve(image, half, |pixels| {
+                    (pixels.map(u16::from).iter().sum::<u16>() + 2).div_euclid(4) as u8
+                })
+            }
+        });
+        if threads == 1 {
+            halves.for_each(|mut job| job());
+        } else {
+            run_all(halves);
         }
         let [half_left, half_right] = self.images.each_ref().map(Image::view);
         // A coarse pixel has a source if any of its pixels has: no candidate is lost.
@@ -87,7 +97,8 @@ impl CoarseCosts {
         }
         let [left_valid, right_valid] = masks;
         let lanes = self.kernels.lanes(self.params.num_disparities);
-        self.excess.reset(half_left.width() * half_left.height() * lanes, 0);
+        let padding = padding(lanes, Kernels::new(self.level).lanes(params.num_disparities));
+        self.excess.resize(padding + half_left.width() * half_left.height() * lanes, 0);
         let frame = Frame {
             kernels: &self.kernels,
             params: &self.params,
@@ -97,7 +108,7 @@ impl CoarseCosts {
             left_valid,
             right_valid,
         };
-        self.semi_global.compute_excess(&frame, threads, &mut self.excess);
+        self.semi_global.compute_excess(&frame, threads, &mut self.excess[padding..]);
     }
 
     /// What coarse row `y` adds to the costs of a frame.
@@ -105,17 +116,14 @@ impl CoarseCosts {
         let lanes = frame.kernels.lanes(frame.params.num_disparities);
         let coarse_lanes = self.kernels.lanes(self.params.num_disparities);
         let cells = self.images[0].width() * coarse_lanes;
-        let largest = frame.params.min_disparity + lanes - 1;
-        let coarse_largest = self.params.min_disparity + coarse_lanes - 1;
+        let padding = padding(coarse_lanes, lanes);
         frame.kernels.refine(&mut RefineRow {
             coarse_lanes,
-            first_lane: coarse_lanes - self.params.num_disparities,
-            end_lane: coarse_lanes,
-            start: coarse_largest as isize - largest.div_ceil(2) as isize,
-            starts_odd: largest % 2 == 1,
             factor: self.factor,
-            costs: &self.excess[y * cells..(y + 1) * cells],
+            costs: &self.excess[y * cells..(y + 1) * cells + padding],
             lanes,
+            num_disparities: frame.params.num_disparities,
+            starts_odd: (frame.params.min_disparity + lanes).is_multiple_of(2),
             added,
         });
     }

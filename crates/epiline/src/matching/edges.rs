@@ -1,6 +1,7 @@
 //! Steps of disparity drawn to where the image has its edges.
 
 use super::map::{DisparityMap, Validity};
+use super::threads::share_rows;
 use crate::image::{Image, ImageRef};
 
 /// Steps between neighbours larger than this are edges, 1/16 px.
@@ -25,7 +26,8 @@ pub(super) struct EdgeSharpener {
     before: Image<u16>,
     /// Per pixel: whether it or one beside it is an edge or was filled.
     uncertain: Image<u8>,
-    marks: Vec<u8>,
+    /// The same, of the pixel only; then of the rows beside it too.
+    marks: Image<u8>,
     /// By the difference of grey values.
     weights: [u16; 256],
 }
@@ -37,7 +39,7 @@ impl Default for EdgeSharpener {
         Self {
             before: Image::default(),
             uncertain: Image::default(),
-            marks: Vec::new(),
+            marks: Image::default(),
             weights: std::array::from_fn(weight),
         }
     }
@@ -48,50 +50,61 @@ impl EdgeSharpener {
     /// of 3x3 samples over 9x9 pixels, weighted by `exp(-|ΔI| / 12)`: the value of the surface it looks like. Where
     /// the samples differ by no more than a pixel, the value stays. The image's border is repeated; every pixel of the
     /// map has a value.
-    pub fn sharpen(&mut self, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
+    pub fn sharpen(&mut self, threads: usize, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
         let (width, height) = (map.width(), map.height());
-        self.before.resize(width, height);
-        self.before.as_mut_slice().copy_from_slice(map.values.as_slice());
-        self.uncertain.resize(width, height);
-        (0..height).for_each(|y| self.mark(map, y));
-        for y in 0..height {
-            let around = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| self.uncertain.row(y));
-            self.marks.clear();
-            self.marks.extend(around[0].iter().zip(around[1]).zip(around[2]).map(|((a, b), c)| a | b | c));
-            let rows = OFFSETS.map(|offset| y.saturating_add_signed(offset).min(height - 1));
-            let (values, greys) = (rows.map(|y| self.before.row(y)), rows.map(|y| guide.row(y)));
-            let sharpened = map.values.row_mut(y);
-            for (first, marks) in (0..width).step_by(8).zip(self.marks.chunks(8)) {
-                // Surfaces are larger than edges are long: most groups have no mark.
-                if marks.iter().all(|&mark| mark == 0) {
-                    continue;
+        let Self { before, uncertain, marks, weights } = self;
+        before.resize(width, height);
+        before.as_mut_slice().copy_from_slice(map.values.as_slice());
+        uncertain.resize(width, height);
+        marks.resize(width, height);
+        let whole = &*map;
+        share_rows(threads, uncertain, marks, |rows, uncertain, marks| {
+            let both = uncertain.chunks_exact_mut(width).zip(marks.chunks_exact_mut(width));
+            rows.zip(both).for_each(|(y, (uncertain, marks))| mark(whole, y, uncertain, marks));
+        });
+        let (before, uncertain, weights) = (&*before, &*uncertain, &*weights);
+        share_rows(threads, &mut map.values, marks, |rows, values, marks| {
+            let both = values.chunks_exact_mut(width).zip(marks.chunks_exact_mut(width));
+            for (y, (sharpened, marks)) in rows.zip(both) {
+                let around = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| uncertain.row(y));
+                for (mark, ((a, b), c)) in
+                    marks.iter_mut().zip(around[0].iter().zip(around[1]).zip(around[2]))
+                {
+                    *mark = a | b | c;
                 }
-                for x in (first..).zip(marks).filter(|&(_, &mark)| mark != 0).map(|(x, _)| x) {
-                    if let Some(value) = weighted_median(&self.weights, values, greys, x) {
-                        sharpened[x] = value;
+                let sources = OFFSETS.map(|offset| y.saturating_add_signed(offset).min(height - 1));
+                let (values, greys) = (sources.map(|y| before.row(y)), sources.map(|y| guide.row(y)));
+                for (first, marks) in (0..width).step_by(8).zip(marks.chunks(8)) {
+                    // Surfaces are larger than edges are long: most groups have no mark.
+                    if marks.iter().all(|&mark| mark == 0) {
+                        continue;
+                    }
+                    for x in (first..).zip(marks).filter(|&(_, &mark)| mark != 0).map(|(x, _)| x) {
+                        if let Some(value) = weighted_median(weights, values, greys, x) {
+                            sharpened[x] = value;
+                        }
                     }
                 }
             }
-        }
+        });
     }
+}
 
-    /// Finds what is uncertain in a row.
-    fn mark(&mut self, map: &DisparityMap, y: usize) {
-        let Self { uncertain, marks, .. } = self;
-        let row = map.values.row(y);
-        marks.clear();
-        marks.extend(map.validity.row(y).iter().map(|bits| u8::from(bits & Validity::FILLED != 0)));
-        for other in [y.saturating_sub(1), (y + 1).min(map.height() - 1)] {
-            mark_steps(row, map.values.row(other), marks);
-        }
-        let last = row.len() - 1;
-        mark_steps(&row[1..], &row[..last], &mut marks[1..]);
-        mark_steps(&row[..last], &row[1..], &mut marks[..last]);
-        let uncertain = uncertain.row_mut(y);
-        uncertain.copy_from_slice(marks);
-        uncertain[1..].iter_mut().zip(&marks[..last]).for_each(|(mark, before)| *mark |= before);
-        uncertain[..last].iter_mut().zip(&marks[1..]).for_each(|(mark, after)| *mark |= after);
+/// Finds what is uncertain in a row; `marks` is of the pixels only.
+fn mark(map: &DisparityMap, y: usize, uncertain: &mut [u8], marks: &mut [u8]) {
+    let row = map.values.row(y);
+    for (mark, bits) in marks.iter_mut().zip(map.validity.row(y)) {
+        *mark = u8::from(bits & Validity::FILLED != 0);
     }
+    for other in [y.saturating_sub(1), (y + 1).min(map.height() - 1)] {
+        mark_steps(row, map.values.row(other), marks);
+    }
+    let last = row.len() - 1;
+    mark_steps(&row[1..], &row[..last], &mut marks[1..]);
+    mark_steps(&row[..last], &row[1..], &mut marks[..last]);
+    uncertain.copy_from_slice(marks);
+    uncertain[1..].iter_mut().zip(&marks[..last]).for_each(|(mark, before)| *mark |= before);
+    uncertain[..last].iter_mut().zip(&marks[1..]).for_each(|(mark, after)| *mark |= after);
 }
 
 fn mark_steps(values: &[u16], others: &[u16], marks: &mut [u8]) {
@@ -160,7 +173,7 @@ mod tests {
         let (mut map, guide) = shifted_step();
         let edge = |map: &DisparityMap| map.values.row(6).iter().position(|&d| d == 320).expect("a step");
         assert_eq!(edge(&map), 23);
-        EdgeSharpener::default().sharpen(&mut map, guide.view());
+        EdgeSharpener::default().sharpen(1, &mut map, guide.view());
         assert_eq!(edge(&map), 25);
         assert!(map.values.as_slice().iter().all(|d| [160, 320].contains(d)));
     }
@@ -172,7 +185,7 @@ mod tests {
             *value += (i * 7 % 13) as u16;
         }
         let before = map.values.clone();
-        EdgeSharpener::default().sharpen(&mut map, guide.view());
+        EdgeSharpener::default().sharpen(1, &mut map, guide.view());
         for (x, y) in [(21, 0), (22, 5), (24, 11), (23, 3)] {
             let mut samples = Vec::new();
             for (i, j) in (-4..=4).step_by(4).flat_map(|j| (-4..=4).step_by(4).map(move |i| (i, j))) {
@@ -193,7 +206,7 @@ mod tests {
     fn surfaces_far_from_steps_stay() {
         let (mut map, guide) = shifted_step();
         let before = map.clone();
-        EdgeSharpener::default().sharpen(&mut map, guide.view());
+        EdgeSharpener::default().sharpen(1, &mut map, guide.view());
         let away = |x: &usize| !(21..=24).contains(x);
         for y in 0..12 {
             (0..40).filter(away).for_each(|x| assert_eq!(map.values.row(y)[x], before.values.row(y)[x]));

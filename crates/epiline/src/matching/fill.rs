@@ -2,6 +2,7 @@
 
 use super::edges::EdgeSharpener;
 use super::map::{DisparityMap, Validity};
+use super::threads::share_rows;
 use crate::image::{Image, ImageRef};
 
 /// Fills maps; its buffers are kept from frame to frame.
@@ -19,32 +20,41 @@ impl Filler {
     ///
     /// Then a median over 3x3 pixels, the border repeated; and steps of disparity are drawn to the edges of the image
     /// `guide`, which has the map's size.
-    pub fn fill(&mut self, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
-        let height = map.height();
-        let Some(first) = (0..height).find(|&y| fill_row(map.values.row_mut(y), map.validity.row_mut(y)))
-        else {
+    pub fn fill(&mut self, threads: usize, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
+        let (width, height) = (map.width(), map.height());
+        let Self { filled, sharpener } = self;
+        share_rows(threads, &mut map.values, &mut map.validity, |_, values, bits| {
+            values
+                .chunks_exact_mut(width)
+                .zip(bits.chunks_exact_mut(width))
+                .for_each(|(values, bits)| fill_row(values, bits));
+        });
+        let is_filled = |map: &DisparityMap, y: usize| Validity::has_value(map.validity.row(y)[0]);
+        let Some(first) = (0..height).find(|&y| is_filled(map, y)) else {
             return;
         };
         for y in (0..first).rev() {
             copy_row(map, y + 1, y);
         }
         for y in first + 1..height {
-            if !fill_row(map.values.row_mut(y), map.validity.row_mut(y)) {
+            if !is_filled(map, y) {
                 copy_row(map, y - 1, y);
             }
         }
-        self.filled.resize(map.width(), height);
-        self.filled.as_mut_slice().copy_from_slice(map.values.as_slice());
-        for y in 0..height {
-            let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| self.filled.row(y));
-            median_row(rows, map.values.row_mut(y));
-        }
-        self.sharpener.sharpen(map, guide);
+        filled.resize(width, height);
+        filled.as_mut_slice().copy_from_slice(map.values.as_slice());
+        share_rows(threads, &mut map.values, &mut map.validity, |rows, values, _| {
+            for (y, values) in rows.zip(values.chunks_exact_mut(width)) {
+                let around = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| filled.row(y));
+                median_row(around, values);
+            }
+        });
+        sharpener.sharpen(threads, map, guide);
     }
 }
 
-/// Fills a row from its own values; false if it has none.
-fn fill_row(values: &mut [u16], bits: &mut [u8]) -> bool {
+/// Fills a row from its own values, if it has any.
+fn fill_row(values: &mut [u16], bits: &mut [u8]) {
     let mut nearest_left = None;
     let mut x = 0;
     while x < values.len() {
@@ -56,14 +66,13 @@ fn fill_row(values: &mut [u16], bits: &mut [u8]) -> bool {
         let end = bits[x..].iter().position(|&bits| Validity::has_value(bits)).map(|len| x + len);
         let nearest_right = end.map(|end| values[end]);
         let Some(value) = nearest_left.into_iter().chain(nearest_right).min() else {
-            return false;
+            return;
         };
         let end = end.unwrap_or(values.len());
         values[x..end].fill(value);
         bits[x..end].fill(Validity::FILLED);
         x = end;
     }
-    true
 }
 
 fn copy_row(map: &mut DisparityMap, from: usize, to: usize) {

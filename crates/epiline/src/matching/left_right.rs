@@ -2,6 +2,9 @@
 
 use crate::kernels::sad::{Choice, Cost};
 
+/// Columns at a time: gathered one by one, compared in vectors.
+const CHUNK: usize = 64;
+
 /// Adds `bit` where the right pixel's smallest cost does not occur near the left pixel's disparity.
 ///
 /// `right_best[x + chosen[x].lane]` is the smallest cost of the right pixel opposite column `x`, over all its candidates;
@@ -16,8 +19,15 @@ pub(super) fn mark<C: Cost>(
     except: u8,
     bits: &mut [u8],
 ) {
-    for (x, ((choice, &nearby), bits)) in chosen.iter().zip(nearby).zip(bits).enumerate() {
-        let disagrees = (right_best[x + choice.lane.to_u32() as usize] < nearby) & (*bits & except == 0);
-        *bits |= if disagrees { bit } else { 0 };
+    let columns = chosen.chunks(CHUNK).zip(nearby.chunks(CHUNK)).zip(bits.chunks_mut(CHUNK));
+    for (i, ((chosen, nearby), bits)) in columns.enumerate() {
+        let mut opposite = [C::ZERO; CHUNK];
+        for ((opposite, choice), x) in opposite.iter_mut().zip(chosen).zip(i * CHUNK..) {
+            *opposite = right_best[x + choice.lane.to_u32() as usize];
+        }
+        for ((bits, &opposite), &nearby) in bits.iter_mut().zip(&opposite).zip(nearby) {
+            let disagrees = (opposite < nearby) & (*bits & except == 0);
+            *bits |= if disagrees { bit } else { 0 };
+        }
     }
 }

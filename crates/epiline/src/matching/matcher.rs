@@ -14,7 +14,7 @@ use super::smooth::Smoother;
 use super::speckle::SpeckleFilter;
 use super::stripe::{Frame, Stripe};
 use super::texture_test::TextureTest;
-use super::threads::{stripes, thread_count};
+use super::threads::{run_all, stripes, thread_count};
 use super::windowed::{self, WindowStripe};
 use crate::error::Result;
 use crate::image::ImageRef;
@@ -217,7 +217,8 @@ impl StereoMatcher {
                 return;
             }
             region_map.clear_speckles();
-            self.speckle.mark(&mut region_map.map, params.speckle_size, params.speckle_range);
+            let (size, range) = (params.speckle_size, params.speckle_range);
+            self.speckle.mark(&self.kernels, self.threads, &mut region_map.map, size, range);
             wanted = region_map.undecided(params.speckle_range, margin);
             margin *= 2;
         }
@@ -244,13 +245,14 @@ impl StereoMatcher {
         out.num_disparities = params.num_disparities;
         self.match_rows(params, pair, 0..pair.left.height(), out);
         if params.speckle_size > 0 {
-            self.speckle.mark(out, params.speckle_size, params.speckle_range);
+            let (size, range) = (params.speckle_size, params.speckle_range);
+            self.speckle.mark(&self.kernels, self.threads, out, size, range);
         }
         if params.fill {
-            self.filler.fill(out, pair.left);
+            self.filler.fill(self.threads, out, pair.left);
         }
         if params.smooth {
-            self.smoother.smooth(out, pair.left);
+            self.smoother.smooth(self.threads, out, pair.left);
         }
     }
 
@@ -292,7 +294,7 @@ impl StereoMatcher {
             }
         }
         if params.saturation_threshold > 0 {
-            saturation.mark(params, left, first_row, out);
+            saturation.mark(kernels, params, left, first_row, out);
         }
     }
 }
@@ -348,16 +350,12 @@ fn compute_stripes<F: Sync, S: StripeBuffers<F>>(
     let count = stripes(height, threads).len();
     buffers.resize_with(count.max(buffers.len()), S::default);
     let (mut values, mut bits) = (out.values.as_mut_slice(), out.validity.as_mut_slice());
-    let mut jobs = stripes(height, threads).zip(buffers).map(|(rows, stripe)| {
+    let jobs = stripes(height, threads).zip(buffers).map(|(rows, stripe)| {
         let (stripe_values, stripe_bits);
         (stripe_values, values) = std::mem::take(&mut values).split_at_mut(rows.len() * width);
         (stripe_bits, bits) = std::mem::take(&mut bits).split_at_mut(rows.len() * width);
         let rows = first + rows.start..first + rows.end;
         move || stripe.compute(frame, rows, stripe_values, stripe_bits)
     });
-    if count == 1 {
-        jobs.by_ref().for_each(|job| job());
-    } else {
-        rayon::scope(|scope| jobs.for_each(|job| scope.spawn(move |_| job())));
-    }
+    run_all(jobs);
 }

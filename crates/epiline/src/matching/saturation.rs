@@ -4,6 +4,7 @@ use super::map::{DisparityMap, Validity};
 use super::params::MatcherParams;
 use super::texture::TextureSums;
 use crate::image::ImageRef;
+use crate::kernels::Kernels;
 
 /// Finds windows that are mostly clipped; its buffers are kept from frame to frame.
 #[derive(Debug, Default)]
@@ -18,6 +19,7 @@ impl SaturationTest {
     /// for matching, are at 0 or 255. The map's first row is `first_row` of the image.
     pub fn mark(
         &mut self,
+        kernels: &Kernels,
         params: &MatcherParams,
         left: ImageRef<'_, u8>,
         first_row: usize,
@@ -28,7 +30,7 @@ impl SaturationTest {
         let saturated = (area * u32::from(params.saturation_threshold)).div_ceil(100);
         // So many informative pixels would be enough.
         let enough = area - saturated + 1;
-        self.sums.reset(left.width());
+        self.sums.reset(left.width(), params.radius());
         let first = first_row as isize;
         (first - radius - 1..first + radius).for_each(|y| self.slide(left, y, TextureSums::enter));
         for y in 0..out.height() {
@@ -36,7 +38,7 @@ impl SaturationTest {
             self.slide(left, centre + radius, TextureSums::enter);
             self.slide(left, centre - radius - 1, TextureSums::leave);
             let (bit, except) = (Validity::SATURATED, Validity::NO_CANDIDATE);
-            self.sums.mark(params.radius(), enough, bit, except, out.validity.row_mut(y));
+            self.sums.mark(kernels, enough, bit, except, out.validity.row_mut(y));
         }
     }
 

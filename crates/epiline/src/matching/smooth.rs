@@ -1,7 +1,10 @@
 //! Smooth surfaces: noise and rounding of sub-pixel disparities averaged out, edges kept.
 
+use std::ops::Range;
+
 use super::map::{DisparityMap, Validity};
-use crate::image::ImageRef;
+use super::threads::run_all;
+use crate::image::{Image, ImageRef};
 
 /// Rows, or columns, that are solved side by side, one to a vector's lane.
 const STRIP: usize = 16;
@@ -24,13 +27,14 @@ const LARGEST_STEP: u16 = 2 * DisparityMap::SCALE;
 pub(super) struct Smoother {
     /// `λ w` by the difference of grey values.
     bonds: [f32; 256],
-    strip: Strip,
+    /// One per thread.
+    strips: Vec<Strip>,
 }
 
 impl Default for Smoother {
     fn default() -> Self {
         let bonds = std::array::from_fn(|difference| STRENGTH * (-(difference as f32) / CONTRAST).exp());
-        Self { bonds, strip: Strip::default() }
+        Self { bonds, strips: Vec::new() }
     }
 }
 
@@ -59,45 +63,50 @@ struct Strip {
 
 impl Smoother {
     /// Smooths a map of the image `guide`, which has its size.
-    pub fn smooth(&mut self, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
-        let (width, height) = (map.width(), map.height());
-        for first in (0..height).step_by(STRIP) {
-            let count = STRIP.min(height - first);
-            // The last strip's lanes may repeat a row.
-            let row = |lane: usize| first + lane.min(count - 1);
-            let disparities: [_; STRIP] = std::array::from_fn(|lane| map.values.row(row(lane)));
-            let bits: [_; STRIP] = std::array::from_fn(|lane| map.validity.row(row(lane)));
-            let greys: [_; STRIP] = std::array::from_fn(|lane| guide.row(row(lane)));
-            self.strip.load(&self.bonds, width, |x| Pixels {
-                disparity: disparities.map(|row| row[x]),
-                bits: bits.map(|row| row[x]),
-                grey: greys.map(|row| row[x]),
-            });
-            self.strip.solve();
-            for lane in 0..count {
-                for (value, solved) in map.values.row_mut(first + lane).iter_mut().zip(&self.strip.values) {
-                    *value = rounded(solved[lane]);
+    pub fn smooth(&mut self, threads: usize, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
+        let Self { bonds, strips } = self;
+        let bonds = &*bonds;
+        strips.resize_with(threads, Strip::default);
+        let validity = &map.validity;
+        let (width, height) = (map.values.width(), map.values.height());
+
+        let mut rest = map.values.as_mut_slice();
+        run_all(shares(height, threads).zip(&mut *strips).map(|(rows, strip)| {
+            let own;
+            (own, rest) = std::mem::take(&mut rest).split_at_mut(rows.len() * width);
+            move || {
+                for (first, values) in rows.step_by(STRIP).zip(own.chunks_mut(STRIP * width)) {
+                    strip.smooth_rows(bonds, first, values, validity, guide);
                 }
             }
-        }
-        for first in (0..width).step_by(STRIP) {
-            let columns = first..width.min(first + STRIP);
-            let count = columns.len();
-            self.strip.load(&self.bonds, height, |y| {
-                let mut pixels = Pixels::NONE;
-                pixels.disparity[..count].copy_from_slice(&map.values.row(y)[columns.clone()]);
-                pixels.bits[..count].copy_from_slice(&map.validity.row(y)[columns.clone()]);
-                pixels.grey[..count].copy_from_slice(&guide.row(y)[columns.clone()]);
-                pixels
-            });
-            self.strip.solve();
-            for (y, solved) in self.strip.values.iter().enumerate() {
-                for (value, &solved) in map.values.row_mut(y)[columns.clone()].iter_mut().zip(solved) {
-                    *value = rounded(solved);
-                }
+        }));
+
+        // Columns that are neighbours share cache lines, so each thread has a block of them, in every row.
+        let blocks = shares(width, threads);
+        let mut parts: Vec<Vec<&mut [u16]>> = blocks.clone().map(|_| Vec::with_capacity(height)).collect();
+        for mut row in map.values.as_mut_slice().chunks_exact_mut(width) {
+            for (columns, part) in blocks.clone().zip(&mut parts) {
+                let own;
+                (own, row) = row.split_at_mut(columns.len());
+                part.push(own);
             }
         }
+        run_all(blocks.zip(parts).zip(strips).map(|((columns, mut part), strip)| {
+            move || {
+                for first in columns.clone().step_by(STRIP) {
+                    let columns = first - columns.start..columns.len().min(first - columns.start + STRIP);
+                    strip.smooth_columns(bonds, first, columns, &mut part, validity, guide);
+                }
+            }
+        }));
     }
+}
+
+/// Ranges of `0..len` for so many threads, all but the last a multiple of [`STRIP`] long.
+fn shares(len: usize, threads: usize) -> impl Iterator<Item = Range<usize>> + Clone {
+    let strips = len.div_ceil(STRIP);
+    let count = threads.min(strips);
+    (0..count).map(move |i| strips * i / count * STRIP..len.min(strips * (i + 1) / count * STRIP))
 }
 
 /// To the nearest sixteenth. A solution lies between the smallest and the largest of the values it is made of.
@@ -106,6 +115,62 @@ fn rounded(solved: f32) -> u16 {
 }
 
 impl Strip {
+    /// Smooths rows from `first` on, at most [`STRIP`] of them.
+    fn smooth_rows(
+        &mut self,
+        bonds: &[f32; 256],
+        first: usize,
+        values: &mut [u16],
+        validity: &Image<u8>,
+        guide: ImageRef<'_, u8>,
+    ) {
+        let width = validity.width();
+        let count = values.len() / width;
+        // The last strip's lanes may repeat a row.
+        let row = |lane: usize| lane.min(count - 1);
+        let disparities: [_; STRIP] = std::array::from_fn(|lane| &values[row(lane) * width..][..width]);
+        let bits: [_; STRIP] = std::array::from_fn(|lane| validity.row(first + row(lane)));
+        let greys: [_; STRIP] = std::array::from_fn(|lane| guide.row(first + row(lane)));
+        self.load(bonds, width, |x| Pixels {
+            disparity: disparities.map(|row| row[x]),
+            bits: bits.map(|row| row[x]),
+            grey: greys.map(|row| row[x]),
+        });
+        self.solve();
+        for (lane, row) in values.chunks_exact_mut(width).enumerate() {
+            for (value, solved) in row.iter_mut().zip(&self.values) {
+                *value = rounded(solved[lane]);
+            }
+        }
+    }
+
+    /// Smooths `columns` of some rows' parts, at most [`STRIP`] of them; the first is the image's column `first`.
+    fn smooth_columns(
+        &mut self,
+        bonds: &[f32; 256],
+        first: usize,
+        columns: Range<usize>,
+        rows: &mut [&mut [u16]],
+        validity: &Image<u8>,
+        guide: ImageRef<'_, u8>,
+    ) {
+        let count = columns.len();
+        let image_columns = first..first + count;
+        self.load(bonds, rows.len(), |y| {
+            let mut pixels = Pixels::NONE;
+            pixels.disparity[..count].copy_from_slice(&rows[y][columns.clone()]);
+            pixels.bits[..count].copy_from_slice(&validity.row(y)[image_columns.clone()]);
+            pixels.grey[..count].copy_from_slice(&guide.row(y)[image_columns.clone()]);
+            pixels
+        });
+        self.solve();
+        for (row, solved) in rows.iter_mut().zip(&self.values) {
+            for (value, &solved) in row[columns.clone()].iter_mut().zip(solved) {
+                *value = rounded(solved);
+            }
+        }
+    }
+
     /// Sets up the systems of `len` pixels.
     fn load(&mut self, bonds: &[f32; 256], len: usize, pixels: impl Fn(usize) -> Pixels) {
         self.values.resize(len, [0.0; STRIP]);
@@ -154,7 +219,6 @@ impl Strip {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Image;
 
     /// One line, solved densely in double precision by Gauss–Jordan elimination.
     fn solve_densely(values: &[u16], bits: &[u8], grey: &[u8]) -> Vec<u16> {
@@ -219,12 +283,23 @@ mod tests {
                 let column = solve_densely(&values, &narrow(&bits), &narrow(&grey));
                 (0..height).for_each(|y| expected.values.row_mut(y)[x] = column[y]);
             }
-            Smoother::default().smooth(&mut map, guide.view());
+            Smoother::default().smooth(1, &mut map, guide.view());
             let off = map.values.as_slice().iter().zip(expected.values.as_slice());
             // Single precision may round a half the other way, in the rows and then once more in the columns.
             assert!(off.clone().all(|(a, b)| a.abs_diff(*b) <= 1), "{width}x{height}");
             assert!(off.filter(|(a, b)| a != b).count() * 50 <= width * height, "{width}x{height}");
         }
+    }
+
+    #[test]
+    fn threads_do_not_show() {
+        let (map, guide) = scene(83, 71);
+        let of = |threads: usize| {
+            let mut map = map.clone();
+            Smoother::default().smooth(threads, &mut map, guide.view());
+            map
+        };
+        (2..9).for_each(|threads| assert!(of(threads) == of(1), "{threads} threads"));
     }
 
     #[test]
@@ -239,7 +314,7 @@ mod tests {
         map.values.row_mut(7)[9] = 83;
         map.validity.row_mut(7)[9] = Validity::SPECKLE;
         let before = map.clone();
-        Smoother::default().smooth(&mut map, Image::new(40, 20).view());
+        Smoother::default().smooth(1, &mut map, Image::new(40, 20).view());
         assert_eq!(map, before);
     }
 }

@@ -33,7 +33,7 @@ impl TextureTest {
         let derivative = &self.derivative;
         let row = |y: isize| derivative.row(y.clamp(0, last) as usize);
         let first = first_row as isize;
-        self.sums.reset(left.width());
+        self.sums.reset(left.width(), params.radius());
         (first - radius - 1..first + radius).for_each(|y| self.sums.enter(row(y), cap));
         for i in 0..out.height() {
             let y = first + i as isize;
@@ -41,7 +41,7 @@ impl TextureTest {
             self.sums.leave(row(y - radius - 1), cap);
             let (bit, except) = (Validity::LOW_TEXTURE, Validity::NO_CANDIDATE);
             let bits = out.validity.row_mut(i);
-            self.sums.mark(params.radius(), params.texture_threshold, bit, except, bits);
+            self.sums.mark(kernels, params.texture_threshold, bit, except, bits);
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::error::{Error, Result};
+use crate::image::Image;
 
 /// The environment variable that caps the number of threads.
 const CAP: &str = "EPILINE_THREADS";
@@ -31,6 +32,41 @@ const MIN_ROWS: usize = 32;
 pub(super) fn stripes(height: usize, threads: usize) -> impl ExactSizeIterator<Item = Range<usize>> {
     let count = threads.min(height.div_ceil(MIN_ROWS));
     (0..count).map(move |i| height * i / count..height * (i + 1) / count)
+}
+
+/// Runs the jobs at the same time, the first on this thread.
+pub(super) fn run_all(mut jobs: impl Iterator<Item = impl FnOnce() + Send>) {
+    let Some(own) = jobs.next() else { return };
+    let mut others = jobs.peekable();
+    if others.peek().is_none() {
+        own();
+        return;
+    }
+    rayon::in_place_scope(|scope| {
+        others.for_each(|job| scope.spawn(move |_| job()));
+        own();
+    });
+}
+
+/// Runs a job per stripe of an image's rows, each with its own part of two images of that height.
+pub(super) fn share_rows<A, B>(
+    threads: usize,
+    first: &mut Image<A>,
+    second: &mut Image<B>,
+    job: impl Fn(Range<usize>, &mut [A], &mut [B]) + Sync,
+) where
+    A: Copy + Default + Send,
+    B: Copy + Default + Send,
+{
+    let (height, widths) = (first.height(), [first.width(), second.width()]);
+    let (mut first, mut second) = (first.as_mut_slice(), second.as_mut_slice());
+    let job = &job;
+    run_all(stripes(height, threads).map(|rows| {
+        let (own_first, own_second);
+        (own_first, first) = std::mem::take(&mut first).split_at_mut(rows.len() * widths[0]);
+        (own_second, second) = std::mem::take(&mut second).split_at_mut(rows.len() * widths[1]);
+        move || job(rows, own_first, own_second)
+    }));
 }
 
 #[cfg(test)]

@@ -217,3 +217,27 @@ impl SumRow<'_> {
         }
     }
 }
+
+/// By how much the sum of each candidate exceeds the smallest of its pixel.
+#[derive(Debug)]
+pub struct ExcessRow<'a> {
+    /// Lanes per column.
+    pub lanes: usize,
+    /// Path costs, each `width * lanes`.
+    pub from_left: &'a [u8],
+    /// From the right.
+    pub from_right: &'a [u8],
+    /// From above.
+    pub from_above: &'a [u8],
+    /// Out: the excess, 255 at most and where there is no candidate; 0 for all lanes of a pixel without any.
+    pub excess: &'a mut [u8],
+}
+
+impl ExcessRow<'_> {
+    pub(super) fn check(&self) {
+        let cells = self.excess.len();
+        assert!(cells > 0 && cells.is_multiple_of(self.lanes), "excess");
+        assert!(self.from_left.len() == cells && self.from_right.len() == cells, "horizontal paths");
+        assert!(self.from_above.len() == cells, "vertical path");
+    }
+}

@@ -1,7 +1,7 @@
 //! The definitions of [`semi_global`](super) in plain safe code: what the variants are held to, and the fallback.
 
 use super::features::{Channel, PixelRow};
-use super::{CostRow, HorizontalRow, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow, WindowRow};
+use super::{CostRow, ExcessRow, HorizontalRow, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow, WindowRow};
 use crate::kernels::sad::reference::{find_best, find_nearby, find_right_best};
 
 /// Birchfield and Tomasi's difference: how far a value lies outside the other image's values within half a pixel; the
@@ -125,5 +125,20 @@ pub fn sum_row(row: &mut SumRow<'_>) {
     if let Some(reach) = row.left_right_reach {
         find_right_best(row.sums, row.lanes, row.right_best);
         find_nearby(row.sums, row.lanes, reach, row.chosen, row.nearby);
+    }
+}
+
+/// See [`ExcessRow`].
+pub fn excess_row(row: &mut ExcessRow<'_>) {
+    let ExcessRow { lanes, from_left, from_right, from_above, .. } = *row;
+    let sum = |i: usize| match from_left[i] {
+        NO_CANDIDATE => u16::MAX,
+        left => [left, from_right[i], from_above[i]].map(u16::from).iter().sum(),
+    };
+    for (x, excess) in row.excess.chunks_exact_mut(lanes).enumerate() {
+        let best = (x * lanes..(x + 1) * lanes).map(sum).fold(u16::MAX, u16::min);
+        for (k, excess) in excess.iter_mut().enumerate() {
+            *excess = (sum(x * lanes + k) - best).min(u8::MAX.into()) as u8;
+        }
     }
 }

@@ -14,7 +14,7 @@
 //! 6. The right image's best sums are collected in registers that shift a lane per column, as in [`sad`](super::super::sad).
 
 use super::features::Channel;
-use super::{CostRow, HorizontalRow, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow, WindowRow};
+use super::{CostRow, ExcessRow, HorizontalRow, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow, WindowRow};
 use crate::kernels::sad::Choice;
 use crate::kernels::sad::reference::{choice_at, find_nearby, rival_limit};
 use crate::kernels::sad::vector::Lanes;
@@ -370,6 +370,41 @@ pub(super) unsafe fn sum_row<V: Bytes, const N: usize, const LEFT_RIGHT: bool>(r
     }
 }
 
+/// See [`ExcessRow`].
+///
+/// # Safety
+/// As [`horizontal_row`].
+#[inline(always)]
+pub(super) unsafe fn excess_row<V: Bytes, const N: usize>(row: &mut ExcessRow<'_>) {
+    let lanes = N * V::COUNT;
+    // SAFETY: every column has `lanes` cells from `x * lanes` on.
+    unsafe {
+        let largest = V::Words::splat(u8::MAX.into());
+        for column in 0..row.excess.len() / lanes {
+            let mut sums = [[V::Words::splat(0); 2]; N];
+            let mut smallest = V::Words::splat(u16::MAX);
+            for i in 0..N {
+                let cell = column * lanes + i * V::COUNT;
+                let from_left = V::load(row.from_left.as_ptr().add(cell));
+                let from_right = V::load(row.from_right.as_ptr().add(cell)).widen();
+                let from_above = V::load(row.from_above.as_ptr().add(cell)).widen();
+                let (left, is_blocked) = (from_left.widen(), from_left.widen_is_255());
+                for half in 0..2 {
+                    let sum = left[half].add(from_right[half]).add(from_above[half]).or(is_blocked[half]);
+                    smallest = smallest.min(sum);
+                    sums[i][half] = sum;
+                }
+            }
+            let best = smallest.splat_min();
+            for i in 0..N {
+                let [low, high] = sums[i];
+                V::narrow([low.sub(best).min(largest), high.sub(best).min(largest)])
+                    .store(row.excess.as_mut_ptr().add(column * lanes + i * V::COUNT));
+            }
+        }
+    }
+}
+
 /// Calls the instance of a path kernel for the row's lanes. Each is a function of its own: inlined into one, they compete
 /// for its registers.
 macro_rules! dispatch {
@@ -450,6 +485,23 @@ macro_rules! entries {
         #[target_feature(enable = $features)]
         pub unsafe fn vertical_row(row: &mut VerticalRow<'_>) {
             vector::dispatch!(vertical_instance, row, <$vector as Bytes>::COUNT);
+        }
+
+        /// # Safety
+        /// As that of the vectors' kernel.
+        #[target_feature(enable = $features)]
+        unsafe fn excess_instance<const N: usize>(row: &mut ExcessRow<'_>) {
+            // SAFETY: the caller's.
+            unsafe { vector::excess_row::<$vector, N>(row) }
+        }
+
+        /// See [`ExcessRow`].
+        ///
+        /// # Safety
+        /// As above.
+        #[target_feature(enable = $features)]
+        pub unsafe fn excess_row(row: &mut ExcessRow<'_>) {
+            vector::dispatch!(excess_instance, row, <$vector as Bytes>::COUNT);
         }
 
         /// # Safety

@@ -20,6 +20,7 @@ use super::aligned::AlignedVec;
 use super::map::DisparityMap;
 use super::params::MatcherParams;
 use super::texture_test::TextureTest;
+use super::threads::run_all;
 use crate::image::ImageRef;
 use crate::kernels::Kernels;
 
@@ -54,15 +55,6 @@ impl Frame<'_> {
 
     fn height(&self) -> usize {
         self.left.height()
-    }
-}
-
-/// Runs the jobs, each on a thread of its own if there are several.
-fn run_all(jobs: impl ExactSizeIterator<Item = impl FnOnce() + Send>) {
-    if jobs.len() == 1 {
-        jobs.for_each(|job| job());
-    } else {
-        rayon::in_place_scope(|scope| jobs.for_each(|job| scope.spawn(move |_| job())));
     }
 }
 
@@ -106,9 +98,9 @@ impl SemiGlobal {
         self.path_rows.iter_mut().for_each(|rows| rows.prepare(frame));
         let whole = frame.params.paths == 4;
         let kept = if whole { height } else { band_rows };
-        self.costs.reset(kept * row_cells, 0);
-        self.above.reset(kept * row_cells, 0);
-        self.below.reset(if whole { band_rows * row_cells } else { 0 }, 0);
+        self.costs.resize(kept * row_cells, 0);
+        self.above.resize(kept * row_cells, 0);
+        self.below.resize(if whole { band_rows * row_cells } else { 0 }, 0);
 
         let bands = (0..height).step_by(band_rows).map(|first| first..(first + band_rows).min(height));
         self.vertical.start(frame);

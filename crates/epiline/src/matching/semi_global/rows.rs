@@ -3,9 +3,10 @@
 use std::ops::Range;
 
 use super::Frame;
-use crate::kernels::semi_global::{HorizontalRow, SumRow, VerticalRow};
+use crate::kernels::semi_global::{ExcessRow, HorizontalRow, SumRow, VerticalRow};
 use crate::matching::aligned::AlignedVec;
 use crate::matching::choices::Choices;
+use crate::matching::threads::run_all;
 
 /// The vertical paths as far as they have come.
 #[derive(Debug, Default)]
@@ -36,15 +37,9 @@ impl Vertical {
         jobs: usize,
     ) {
         let cells = frame.width() * frame.lanes();
-        for (i, y) in band.enumerate() {
-            let (done, rest) = paths.split_at_mut(i * cells);
-            let before = if i > 0 { &done[(i - 1) * cells..] } else { &self.last };
-            let beside = y.checked_sub(1).unwrap_or(y);
-            frame.penalties.between(frame.left.row(y), frame.left.row(beside), &mut self.p2);
-            let costs = &costs[i * cells..(i + 1) * cells];
-            step(frame, costs, &self.p2, before, &mut self.smallest, &mut rest[..cells], jobs);
-        }
-        self.last.copy_from_slice(&paths[paths.len() - cells..]);
+        let rows = band.zip(costs.chunks_exact(cells)).zip(paths.chunks_exact_mut(cells));
+        let steps = rows.map(|((y, costs), paths)| Step { y, beside: y.saturating_sub(1), costs, paths });
+        self.walk(frame, steps, jobs);
     }
 
     /// Upward through a band.
@@ -56,50 +51,97 @@ impl Vertical {
         paths: &mut [u8],
         jobs: usize,
     ) {
-        let cells = frame.width() * frame.lanes();
-        let count = band.len();
-        for (i, y) in band.enumerate().rev() {
-            let (rest, done) = paths.split_at_mut((i + 1) * cells);
-            let before = if i + 1 < count { &done[..cells] } else { &self.last };
-            let beside = (y + 1).min(frame.height() - 1);
-            frame.penalties.between(frame.left.row(y), frame.left.row(beside), &mut self.p2);
-            let costs = &costs[i * cells..(i + 1) * cells];
-            step(frame, costs, &self.p2, before, &mut self.smallest, &mut rest[i * cells..], jobs);
+        let (cells, last) = (frame.width() * frame.lanes(), frame.height() - 1);
+        let rows = band.zip(costs.chunks_exact(cells)).zip(paths.chunks_exact_mut(cells)).rev();
+        let steps = rows.map(|((y, costs), paths)| Step { y, beside: (y + 1).min(last), costs, paths });
+        self.walk(frame, steps, jobs);
+    }
+
+    /// Step by step, columns shared out.
+    fn walk<'a>(&mut self, frame: &Frame<'_>, steps: impl Iterator<Item = Step<'a>>, jobs: usize) {
+        let (width, lanes) = (frame.width(), frame.lanes());
+        if jobs == 1 {
+            let columns =
+                Columns { first: 0, last: &mut self.last, smallest: &mut self.smallest, p2: &mut self.p2 };
+            columns.walk(frame, steps);
+            return;
         }
-        self.last.copy_from_slice(&paths[..cells]);
+        let count = width.div_ceil(jobs);
+        let mut parts: Vec<Vec<Step<'a>>> = Vec::new();
+        parts.resize_with(width.div_ceil(count), Vec::new);
+        for Step { y, beside, costs, paths } in steps {
+            let chunks = costs.chunks(count * lanes).zip(paths.chunks_mut(count * lanes));
+            for (part, (costs, paths)) in parts.iter_mut().zip(chunks) {
+                part.push(Step { y, beside, costs, paths });
+            }
+        }
+        let columns = (0..width)
+            .step_by(count)
+            .zip(self.last.chunks_mut(count * lanes))
+            .zip(self.smallest.chunks_mut(count))
+            .zip(self.p2.chunks_mut(count))
+            .map(|(((first, last), smallest), p2)| Columns { first, last, smallest, p2 });
+        run_all(columns.zip(parts).map(|(columns, steps)| move || columns.walk(frame, steps.into_iter())));
     }
 }
 
-/// One row of vertical paths, columns shared out.
-fn step(
-    frame: &Frame<'_>,
-    costs: &[u8],
-    p2: &[u8],
-    before: &[u8],
-    smallest: &mut [u8],
-    after: &mut [u8],
-    jobs: usize,
-) {
-    let lanes = frame.lanes();
-    let (columns, p1) = (p2.len().div_ceil(jobs), frame.penalties.p1);
-    let parts = costs
-        .chunks(columns * lanes)
-        .zip(p2.chunks(columns))
-        .zip(before.chunks(columns * lanes))
-        .zip(smallest.chunks_mut(columns))
-        .zip(after.chunks_mut(columns * lanes));
-    super::run_all(parts.map(|((((costs, p2), before), smallest), after)| {
-        move || frame.kernels.vertical(&mut VerticalRow { lanes, costs, p1, p2, before, smallest, after })
-    }));
+/// One row of vertical paths, or a part of it.
+struct Step<'a> {
+    y: usize,
+    /// The row that the paths come from; `y` itself where they start.
+    beside: usize,
+    costs: &'a [u8],
+    paths: &'a mut [u8],
 }
 
-/// What becomes of the sums of neighbouring rows.
+/// Some columns of [`Vertical`].
+struct Columns<'a> {
+    first: usize,
+    last: &'a mut [u8],
+    smallest: &'a mut [u8],
+    p2: &'a mut [u8],
+}
+
+impl Columns<'_> {
+    fn walk<'a>(self, frame: &Frame<'_>, steps: impl Iterator<Item = Step<'a>>) {
+        let Self { first, last, smallest, p2 } = self;
+        let columns = first..first + p2.len();
+        let mut done: Option<&[u8]> = None;
+        for Step { y, beside, costs, paths } in steps {
+            let [here, there] = [y, beside].map(|y| &frame.left.row(y)[columns.clone()]);
+            frame.penalties.between(here, there, p2);
+            frame.kernels.vertical(&mut VerticalRow {
+                lanes: frame.lanes(),
+                costs,
+                p1: frame.penalties.p1,
+                p2,
+                before: done.unwrap_or(last),
+                smallest,
+                after: paths,
+            });
+            done = Some(paths);
+        }
+        if let Some(done) = done {
+            last.copy_from_slice(done);
+        }
+    }
+}
+
+/// What becomes of the paths of neighbouring rows.
 pub(super) trait Sink: Sized + Send {
-    /// Those of the first `count` rows, and the rest.
+    /// What becomes of the first `count` rows, and of the rest.
     fn split(self, frame: &Frame<'_>, count: usize) -> (Self, Self);
 
-    /// Takes the sums of image row `y`, the `i`-th of these.
-    fn take(&mut self, frame: &Frame<'_>, i: usize, y: usize, sums: &PathRows);
+    /// Takes image row `y`, the `i`-th of these, given its vertical paths. The horizontal ones are in `paths`.
+    fn take(
+        &mut self,
+        frame: &Frame<'_>,
+        i: usize,
+        y: usize,
+        paths: &mut PathRows,
+        from_above: &[u8],
+        from_below: &[u8],
+    );
 }
 
 /// Rows of the disparity map.
@@ -115,15 +157,23 @@ impl Sink for Disparities<'_> {
         (Self { values, bits }, Self { values: next_values, bits: next_bits })
     }
 
-    fn take(&mut self, frame: &Frame<'_>, i: usize, y: usize, sums: &PathRows) {
+    fn take(
+        &mut self,
+        frame: &Frame<'_>,
+        i: usize,
+        y: usize,
+        paths: &mut PathRows,
+        from_above: &[u8],
+        from_below: &[u8],
+    ) {
         let pixels = i * frame.width()..(i + 1) * frame.width();
-        let (values, bits) = (&mut self.values[pixels.clone()], &mut self.bits[pixels]);
-        sums.choices.select(
+        paths.sum(frame, from_above, from_below);
+        paths.choices.select(
             frame.kernels,
             frame.params,
             frame.left_valid.map(|valid| valid.row(y)),
-            values,
-            bits,
+            &mut self.values[pixels.clone()],
+            &mut self.bits[pixels],
         );
     }
 }
@@ -137,14 +187,23 @@ impl Sink for Excess<'_> {
         (Self(rows), Self(next))
     }
 
-    fn take(&mut self, frame: &Frame<'_>, i: usize, _: usize, sums: &PathRows) {
+    fn take(
+        &mut self,
+        frame: &Frame<'_>,
+        i: usize,
+        _: usize,
+        paths: &mut PathRows,
+        from_above: &[u8],
+        _: &[u8],
+    ) {
         let (lanes, cells) = (frame.lanes(), frame.width() * frame.lanes());
-        let columns = self.0[i * cells..(i + 1) * cells].chunks_exact_mut(lanes);
-        for ((excess, sums), choice) in columns.zip(sums.sums.chunks_exact(lanes)).zip(&sums.choices.chosen) {
-            for (excess, sum) in excess.iter_mut().zip(sums) {
-                *excess = (sum - choice.best).min(u8::MAX.into()) as u8;
-            }
-        }
+        frame.kernels.excess(&mut ExcessRow {
+            lanes,
+            from_left: &paths.from_left,
+            from_right: &paths.from_right,
+            from_above,
+            excess: &mut self.0[i * cells..(i + 1) * cells],
+        });
     }
 }
 
@@ -163,9 +222,9 @@ impl PathRows {
     pub fn prepare(&mut self, frame: &Frame<'_>) {
         let (width, lanes) = (frame.width(), frame.lanes());
         self.p2.resize(width, 0);
-        self.from_left.reset(width * lanes, 0);
-        self.from_right.reset(width * lanes, 0);
-        self.sums.reset(width * lanes, 0);
+        self.from_left.resize(width * lanes, 0);
+        self.from_right.resize(width * lanes, 0);
+        self.sums.resize(width * lanes, 0);
         self.choices.resize(width, lanes);
     }
 
@@ -181,13 +240,13 @@ impl PathRows {
         for (i, y) in rows.enumerate() {
             let row = i * cells..(i + 1) * cells;
             let below = if below.is_empty() { below } else { &below[row.clone()] };
-            self.sum(frame, y, [&costs[row.clone()], &above[row], below]);
-            sink.take(frame, i, y, self);
+            self.extend(frame, y, &costs[row.clone()]);
+            sink.take(frame, i, y, self, &above[row], below);
         }
     }
 
-    fn sum(&mut self, frame: &Frame<'_>, y: usize, [costs, from_above, from_below]: [&[u8]; 3]) {
-        let params = frame.params;
+    /// Both horizontal paths.
+    fn extend(&mut self, frame: &Frame<'_>, y: usize, costs: &[u8]) {
         let grey = frame.left.row(y);
         frame.penalties.between(&grey[1..], grey, &mut self.p2[1..]);
         frame.kernels.horizontal(&mut HorizontalRow {
@@ -198,6 +257,10 @@ impl PathRows {
             from_left: &mut self.from_left,
             from_right: &mut self.from_right,
         });
+    }
+
+    fn sum(&mut self, frame: &Frame<'_>, from_above: &[u8], from_below: &[u8]) {
+        let params = frame.params;
         frame.kernels.sum(&mut SumRow {
             lanes: frame.lanes(),
             from_left: &self.from_left,
