@@ -292,7 +292,7 @@ mod tests {
         let mut scene = DisparityMap::new(width, height);
         for (value, bits) in scene.values.as_mut_slice().iter_mut().zip(scene.validity.as_mut_slice()) {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            *value = ((state >> 24) % 3 * 16) as u16;
+            *value = if (state >> 20) % 16 < 10 { 160 } else { 320 };
             *bits = if state >> 28 == 0 { Validity::LOW_TEXTURE } else { 0 };
         }
         for kernels in Level::available().map(Kernels::new) {
@@ -303,7 +303,7 @@ mod tests {
             };
             let alone = of(1);
             let marked = alone.validity.as_slice().iter().filter(|&&bits| bits & Validity::SPECKLE != 0);
-            assert!((1000..width * height - 1000).contains(&marked.count()));
+            assert!((500..width * height - 500).contains(&marked.count()), "some islands are small");
             (2..9).for_each(|threads| assert!(of(threads) == alone, "{threads} threads"));
         }
     }
