@@ -19,6 +19,7 @@ __all__ = [
     "Error",
     "FrameResult",
     "Obstacle",
+    "Outlier",
     "PairAlignment",
     "Pipeline",
     "RangeCurve",
@@ -34,6 +35,7 @@ __all__ = [
     "__version__",
     "align_candidates",
     "alignment_error",
+    "brown_from_tsai",
     "calibrate_points",
     "default_disparities",
     "equalize",
@@ -84,7 +86,7 @@ class CameraModel:
     @property
     def distortion(self) -> Floats: ...
     @property
-    def lens(self) -> str: ...
+    def lens(self) -> Literal["brown-conrady", "rational", "thin-prism", "kannala-brandt", "tsai"]: ...
     @property
     def width(self) -> int: ...
     @property
@@ -103,6 +105,19 @@ class ViewResidual:
     def rotation(self) -> Floats: ...
     @property
     def translation_m(self) -> Floats: ...
+
+@final
+class Outlier:
+    @property
+    def view(self) -> int: ...
+    @property
+    def side(self) -> Literal["left", "right"]: ...
+    @property
+    def corner(self) -> int: ...
+    @property
+    def residual_px(self) -> float: ...
+    @property
+    def reason(self) -> str: ...
 
 @final
 class StereoCalibration:
@@ -131,6 +146,12 @@ class StereoCalibration:
     def sigma(self) -> dict[str, float]: ...
     @property
     def views(self) -> list[ViewResidual]: ...
+    @property
+    def outliers(self) -> list[Outlier]: ...
+    @property
+    def board_warp_m(self) -> Floats | None: ...
+    @property
+    def board_warp_sigma_m(self) -> Floats | None: ...
     def range_sigma(self, z_m: float) -> float: ...
     def save(
         self,
@@ -160,9 +181,14 @@ def calibrate_points(
     image_size: tuple[int, int],
     *,
     method: Literal["bundle", "tsai"] = "bundle",
-    model: Literal["brown4", "brown5"] = "brown4",
+    model: Literal["brown4", "brown5", "rational", "thin-prism", "fisheye", "auto"] = "brown4",
     loss: Literal["huber", "squared"] = "huber",
-    held_out: bool = True,
+    held_out: bool | int = True,
+    fix: Sequence[str] = [],
+    share: Sequence[str] = [],
+    square_pixels: bool = False,
+    warp: bool = False,
+    initial: StereoCalibration | None = None,
 ) -> StereoCalibration: ...
 def tsai_calibrate(
     world_mm: ArrayLike,
@@ -174,7 +200,9 @@ def tsai_calibrate(
     dpx_mm: float,
     dpy_mm: float,
     full: bool,
+    start: Sequence[float] | None = None,
 ) -> dict[str, Any]: ...
+def brown_from_tsai(kappa1: float, largest_radius: float) -> tuple[float, float, float]: ...
 
 # ---- rectification -----------------------------------------------------------------------------
 

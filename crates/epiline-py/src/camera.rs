@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use epiline::camera::formats::{Format, ReadOptions, kitti};
-use epiline::camera::{CameraModel, Lens, Pose, StereoCalibration, ViewResidual};
+use epiline::camera::{CameraModel, Lens, Outlier, Pose, StereoCalibration, ViewResidual};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -17,6 +17,7 @@ use crate::convert::{OrRaise, rows_of, vector_of, whole};
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyCameraModel>()?;
     module.add_class::<PyViewResidual>()?;
+    module.add_class::<PyOutlier>()?;
     module.add_class::<PyStereoCalibration>()?;
     module.add_function(wrap_pyfunction!(read_kitti_projection, module)?)
 }
@@ -256,7 +257,7 @@ pub struct PyViewResidual(ViewResidual);
 
 #[pymethods]
 impl PyViewResidual {
-    /// Root mean square distance of the left corners from their prediction, pixels.
+    /// Root mean square distance of the left corners from their prediction, pixels; NaN if it saw none.
     #[getter]
     fn left_rms_px(&self) -> f64 {
         self.0.left_rms_px
@@ -283,6 +284,49 @@ impl PyViewResidual {
     fn __repr__(&self) -> String {
         let ViewResidual { left_rms_px, right_rms_px, .. } = self.0;
         format!("ViewResidual(left_rms_px={left_rms_px:.3}, right_rms_px={right_rms_px:.3})")
+    }
+}
+
+/// A corner that a calibration left out because it was mis-found.
+#[pyclass(frozen, eq, module = "epiline", name = "Outlier")]
+#[derive(Clone, Copy, PartialEq)]
+pub struct PyOutlier(Outlier);
+
+#[pymethods]
+impl PyOutlier {
+    /// Which view, counting from 0.
+    #[getter]
+    fn view(&self) -> usize {
+        self.0.view
+    }
+
+    /// Whose photograph.
+    #[getter]
+    fn side(&self) -> &'static str {
+        self.0.side
+    }
+
+    /// Which of the view's corners, counting from 0.
+    #[getter]
+    fn corner(&self) -> usize {
+        self.0.corner
+    }
+
+    /// Its distance from its prediction, pixels.
+    #[getter]
+    fn residual_px(&self) -> f64 {
+        self.0.residual_px
+    }
+
+    /// Why it was left out.
+    #[getter]
+    fn reason(&self) -> String {
+        self.0.reason()
+    }
+
+    fn __repr__(&self) -> String {
+        let Outlier { view, side, corner, residual_px, .. } = self.0;
+        format!("Outlier(view={view}, side='{side}', corner={corner}, residual_px={residual_px:.2})")
     }
 }
 
@@ -397,6 +441,25 @@ impl PyStereoCalibration {
     #[getter]
     fn views(&self) -> Vec<PyViewResidual> {
         self.0.views.iter().copied().map(PyViewResidual).collect()
+    }
+
+    /// Corners that were left out, each with its reason; rig files do not keep them.
+    #[getter]
+    fn outliers(&self) -> Vec<PyOutlier> {
+        self.0.outliers.iter().copied().map(PyOutlier).collect()
+    }
+
+    /// (2,) float64: how far the board's middle stands out behind the plane of its corners, along its x and y axis,
+    /// metres; None if it was not solved for. Rig files do not keep it.
+    #[getter]
+    fn board_warp_m<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        self.0.board_warp.map(|warp| PyArray1::from_slice(py, &warp.height_m))
+    }
+
+    /// (2,) float64: standard deviations of ``board_warp_m``, metres.
+    #[getter]
+    fn board_warp_sigma_m<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        self.0.board_warp.map(|warp| PyArray1::from_slice(py, &warp.sigma_m))
     }
 
     /// Standard deviation of depth from the calibration's own uncertainty, at the image centre.

@@ -129,7 +129,7 @@ fn clean_corners_give_the_rig_back() {
     let truth = ordinary_rig();
     for loss in [Loss::Squared, Loss::default()] {
         for lens in [LensModel::Brown4, LensModel::Brown5] {
-            let options = BundleOptions { lens, loss, held_out_folds: 2 };
+            let options = BundleOptions { lens, loss, ..BundleOptions::default() };
             let found = calibrate(&twin(&truth), SIZE, &options).expect("a good set of views");
             assert_same_rig(&found, &truth, 1e-6);
             assert!(found.rms_px < 1e-6 && found.epipolar_error_px < 1e-6, "{found:?}");

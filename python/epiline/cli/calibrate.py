@@ -12,11 +12,11 @@ from epiline._operations import calibrate
 from epiline.cli.arguments import whole
 from epiline.cli.console import note, print_json, print_table, progress, say
 from epiline.targets.boards import Board, Charuco, Chessboard, parse_board, parse_length
-from epiline.targets.observations import SIDES
 from epiline.verdict import Verdict, judge
 
 if TYPE_CHECKING:
     from epiline.targets import Observations
+    from epiline.targets.screening import LensModel
 
 _DEPTHS_M = (1.0, 2.0, 4.0, 8.0)
 
@@ -42,10 +42,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", choices=("bundle", "tsai"), default="bundle", help="default %(default)s")
     parser.add_argument(
         "--model",
-        choices=("brown4", "brown5"),
+        choices=("brown4", "brown5", "rational", "thin-prism", "fisheye", "auto"),
         default="brown4",
-        help="lens: k1 k2 p1 p2, or with k3 (default %(default)s)",
+        help="lens: k1 k2 p1 p2; with k3; with k4 k5 k6 (80 degrees and more); with s1 to s4; Kannala-Brandt; "
+        "auto: the simplest whose held-out error is next to the smallest (default %(default)s)",
     )
+    parser.add_argument("--warp", action="store_true", help="also solve for the bend of the board")
+    parser.add_argument(
+        "--fix", action="append", default=[], metavar="NAME", help="hold a parameter: cx, left_k2, lens"
+    )
+    parser.add_argument(
+        "--share", action="append", default=[], metavar="NAME", help="one value in both cameras: fx, k1, lens"
+    )
+    parser.add_argument("--square-pixels", action="store_true", help="fx = fy in each camera")
+    parser.add_argument(
+        "--folds",
+        type=whole(2),
+        default=2,
+        metavar="K",
+        help="parts of the views, each measured by a fit of the others (default %(default)s)",
+    )
+    parser.add_argument("--initial", type=Path, metavar="RIG", help="where to start, and what --fix holds")
     parser.add_argument("--loss", choices=("huber", "squared"), default="huber", help="default %(default)s")
     parser.add_argument(
         "--half-window",
@@ -71,8 +88,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     board = _board(args)
     left, right = _photographs(args)
-    observations = find(left, right, board, half_window=args.half_window, threads=args.threads, cache=args.cache)
-    calibration = calibrate(observations, method=args.method, model=args.model, loss=args.loss)
+    observations = find(
+        left,
+        right,
+        board,
+        half_window=args.half_window,
+        threads=args.threads,
+        cache=args.cache,
+        model=args.model,
+    )
+    calibration = calibrate(
+        observations,
+        method=args.method,
+        model=args.model,
+        loss=args.loss,
+        held_out=args.folds,
+        fix=args.fix,
+        share=args.share,
+        square_pixels=args.square_pixels,
+        warp=args.warp,
+        initial=StereoCalibration.load(args.initial) if args.initial else None,
+    )
     verdict = judge(calibration, observations)
     if args.output:
         calibration.save(args.output)
@@ -124,6 +160,7 @@ def find(
     half_window: int | None,
     threads: int | None,
     cache: Path | None,
+    model: LensModel = "brown4",
 ) -> Observations:
     """Finds the board in every pair, showing progress."""
     from epiline.targets import find_boards
@@ -137,6 +174,7 @@ def find(
             threads=threads,
             cache=cache,
             progress=lambda *_: advance(),
+            model=model,
         )
 
 
@@ -147,12 +185,18 @@ def print_calibration(calibration: StereoCalibration, observations: Observations
     for view in observations.accepted:
         if view.remark:
             say(f"{view.name}: {view.remark}")
-    for side in SIDES:
-        if singles := observations.single_views(side):
-            say(f"{len(singles)} views of the {side} camera alone do not take part yet")
-    names = [view.name_left for view in observations.accepted]
-    rows = [(n, f"{v.left_rms_px:.3f}", f"{v.right_rms_px:.3f}") for n, v in zip(names, calibration.views, strict=True)]
-    print_table(f"{len(rows)} of {len(observations.views)} pairs", ("pair", "left rms px", "right rms px"), rows)
+    used = observations.calibration_views
+    for outlier in outlier_names(calibration, observations):
+        say(f"left out {outlier}")
+    if len(used) > len(observations):
+        say(f"{len(used) - len(observations)} views of one camera alone take part")
+    rows = [
+        (view.name, f"{v.left_rms_px:.3f}", f"{v.right_rms_px:.3f}")
+        for view, v in zip(used, calibration.views, strict=True)
+    ]
+    print_table(
+        f"{len(observations)} of {len(observations.views)} pairs", ("view", "left rms px", "right rms px"), rows
+    )
     sigma = calibration.sigma
     cameras = []
     for side, camera in (("left", calibration.left), ("right", calibration.right)):
@@ -163,10 +207,14 @@ def print_calibration(calibration: StereoCalibration, observations: Observations
             for n, v in zip(("fx", "fy", "cx", "cy"), values, strict=True)
         ]
         cameras.append((side, *cells, " ".join(f"{c:.4g}" for c in camera.distortion)))
-    print_table("cameras, px", ("", "fx", "fy", "cx", "cy", "k1 k2 p1 p2 k3"), cameras)
+    coefficients = [name.removeprefix("left_") for name in sigma if name.startswith("left_")][4:]
+    print_table("cameras, px", ("", "fx", "fy", "cx", "cy", " ".join(coefficients)), cameras)
     baseline_sigma_mm = 1e3 * sigma.get("translation_x_m", float("nan"))
     say(f"baseline {1e3 * calibration.baseline_m:.3f} ± {baseline_sigma_mm:.3f} mm")
     say(f"stereo rms {calibration.rms_px:.4f} px, held-out epipolar error {calibration.epipolar_error_px:.4f} px")
+    if calibration.board_warp_m is not None and calibration.board_warp_sigma_m is not None:
+        heights = zip(1e3 * calibration.board_warp_m, 1e3 * calibration.board_warp_sigma_m, strict=True)
+        say(f"board's bend along x and y: {', '.join(f'{h:.2f} ± {s:.2f} mm' for h, s in heights)}")
     depths = ", ".join(f"{1e3 * calibration.range_sigma(z):.1f} mm at {z:g} m" for z in _DEPTHS_M)
     say(f"range sigma from calibration alone: {depths}")
     say(f"verdict: {verdict}")
@@ -174,12 +222,29 @@ def print_calibration(calibration: StereoCalibration, observations: Observations
         say(f"photograph next: {wish}")
 
 
+def outlier_names(calibration: StereoCalibration, observations: Observations) -> list[str]:
+    """Every corner that the fit left out: whose photograph, where on the board (column, row), and why."""
+    views = observations.calibration_views
+    columns, _ = observations.board.corner_grid
+    texts = []
+    for outlier in calibration.outliers:
+        view = views[outlier.view]
+        corner = int(view.ids[outlier.corner])
+        place = f"corner ({corner % columns + 1}, {corner // columns + 1})"
+        texts.append(f"{view.name}, {outlier.side}, {place}: {outlier.reason}")
+    return texts
+
+
 def as_json(calibration: StereoCalibration, observations: Observations, verdict: Verdict) -> dict[str, object]:
     """Everything :func:`print_calibration` says."""
 
     def camera(side: str) -> dict[str, object]:
         model = getattr(calibration, side)
-        return {"camera_matrix": model.camera_matrix.tolist(), "distortion": model.distortion.tolist()}
+        return {
+            "camera_matrix": model.camera_matrix.tolist(),
+            "lens": model.lens,
+            "distortion": model.distortion.tolist(),
+        }
 
     return {
         "views": [
@@ -193,6 +258,7 @@ def as_json(calibration: StereoCalibration, observations: Observations, verdict:
             for v in observations.views
         ],
         "view_rms_px": [[v.left_rms_px, v.right_rms_px] for v in calibration.views],
+        "outliers": outlier_names(calibration, observations),
         "image_size": list(calibration.image_size),
         "left": camera("left"),
         "right": camera("right"),

@@ -58,7 +58,7 @@ def calibration_section(
     return CalibrationSection(
         calibration=calibration,
         board=board.description,
-        view_names=[str(view.name_left) for view in observations.views if view.accepted],
+        view_names=[view.name for view in observations.calibration_views],
         left_px=observations.left_px,
         right_px=observations.right_px,
         rejected=[RejectedView(name=v.name, reason=v.reason) for v in observations.rejected],

@@ -140,6 +140,11 @@ def _view_names(section: CalibrationSection) -> list[str]:
     return list(section.view_names) if len(section.view_names) == count else [f"view {i + 1}" for i in range(count)]
 
 
+def _or_nothing(rms_px: float) -> float:
+    """No column for a camera that did not see the board."""
+    return 0.0 if math.isnan(rms_px) else float(rms_px)
+
+
 def _residuals(section: CalibrationSection) -> Markup | None:
     views = section.calibration.views
     if not views:
@@ -148,8 +153,8 @@ def _residuals(section: CalibrationSection) -> Markup | None:
         title="Reprojection error of each view",
         labels=_view_names(section),
         groups=[
-            ("left", [float(view.left_rms_px) for view in views], "c0"),
-            ("right", [float(view.right_rms_px) for view in views], "c1"),
+            ("left", [_or_nothing(view.left_rms_px) for view in views], "c0"),
+            ("right", [_or_nothing(view.right_rms_px) for view in views], "c1"),
         ],
         x_label="view",
         y_label="rms, px",

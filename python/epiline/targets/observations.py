@@ -129,6 +129,36 @@ class SingleView:
 
 
 @dataclass(frozen=True)
+class CalibrationView:
+    """One board as a calibration takes it.
+
+    Attributes
+    ----------
+    name : str
+        Of the photograph; of a pair's left one.
+    ids : (N,) int64
+        Rows of the board's ``points_m``: corners that at least one camera saw.
+    left_px, right_px : (N, 2) float64
+        NaN where that camera did not see the corner.
+    """
+
+    name: str
+    ids: NDArray[np.int64]
+    left_px: Points
+    right_px: Points
+
+    @staticmethod
+    def of(name: str, left: Corners | None, right: Corners | None) -> CalibrationView:
+        sides = [seen for seen in (left, right) if seen is not None]
+        ids = np.unique(np.concatenate([seen.ids for seen in sides]))
+        px = [np.full((len(ids), 2), np.nan) for _ in range(2)]
+        for pixels, seen in zip(px, (left, right), strict=True):
+            if seen is not None:
+                pixels[np.searchsorted(ids, seen.ids)] = seen.px
+        return CalibrationView(name, ids, *px)
+
+
+@dataclass(frozen=True)
 class Observations:
     """Corners of one board in many pairs of photographs.
 
@@ -191,6 +221,22 @@ class Observations:
                 name = view.name_left if side == "left" else view.name_right
                 singles.append(SingleView(name, seen.px[alone], points_m[seen.ids[alone]]))
         return singles
+
+    @property
+    def calibration_views(self) -> list[CalibrationView]:
+        """Everything a calibration can use: the accepted pairs in their order, then views of one camera alone.
+
+        A pair has the corners that either camera saw. The two photographs of a pair that is not of one moment are two
+        views.
+        """
+        views = [CalibrationView.of(view.name_left, view.left, view.right) for view in self.accepted]
+        for view in self.rejected:
+            if view.usable_alone:
+                if view.left is not None and len(view.left.ids) >= MIN_CORNERS:
+                    views.append(CalibrationView.of(view.name_left, view.left, None))
+                if view.right is not None and len(view.right.ids) >= MIN_CORNERS:
+                    views.append(CalibrationView.of(view.name_right, None, view.right))
+        return views
 
     def __len__(self) -> int:
         return len(self.accepted)

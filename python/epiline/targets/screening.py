@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epiline._core import Error, StereoCalibration, ViewResidual, calibrate_points
+from epiline._core import Error, calibrate_points
 from epiline.targets.boards import Board
-from epiline.targets.observations import MIN_CORNERS, SIDES, Corners, Observations, Points, Side, View
+from epiline.targets.observations import SIDES, Corners, Observations, Points, Side, View
+
+LensModel: TypeAlias = Literal["brown4", "brown5", "rational", "thin-prism", "fisheye", "auto"]
 
 # Corners of two views closer than this on average, in both cameras, are one view twice. Hand-held boards differ by
 # tens of pixels; a tripod's drift and the noise of the corners stay below one.
@@ -27,15 +30,13 @@ _MIN_VIEWS_TO_COMPARE = 4
 # A view that fits so many times worse than usual does not belong to the others, provided that the lens model suits
 # them: their error is below this.
 _RESIDUAL_RATIO, _SUITED_PX = 4.0, 1.0
-# A corner so many times farther off than is usual in its own photograph is mis-found: of Gaussian ones, 4 in 100 000
-# lie there. Without them the held-out error of four real rigs fell by 2 % (one) or stayed as it was.
-_CORNER_SIGMAS = 4.5
-_RAYLEIGH_MEDIAN = 1.1774
 # Views from which a rough lens is taken: a calibration's cost grows with their cube in OpenCV.
 _LENS_VIEWS = 24
 
 
-def screened(views: tuple[View, ...], board: Board, image_size: tuple[int, int]) -> tuple[View, ...]:
+def screened(
+    views: tuple[View, ...], board: Board, image_size: tuple[int, int], model: LensModel = "brown4"
+) -> tuple[View, ...]:
     """The views, those that harm a calibration rejected with their reason.
 
     Parameters
@@ -44,6 +45,8 @@ def screened(views: tuple[View, ...], board: Board, image_size: tuple[int, int])
     board : Chessboard or Charuco
     image_size : (width, height)
         Pixels.
+    model : str
+        Lens of :func:`epiline.calibrate`: views that a lens cannot follow are not their fault.
 
     Returns
     -------
@@ -54,7 +57,7 @@ def screened(views: tuple[View, ...], board: Board, image_size: tuple[int, int])
     views = _without_blur(views)
     views = _without_second_attempts(views)
     views = _of_one_moment(views, board, image_size)
-    return _of_one_rig(views, board, image_size)
+    return _of_one_rig(views, board, image_size, model)
 
 
 def _rejected(view: View, reason: str, *, usable_alone: bool) -> View:
@@ -170,14 +173,23 @@ def _of_one_moment(views: tuple[View, ...], board: Board, image_size: tuple[int,
     return tuple(result)
 
 
-def _of_one_rig(views: tuple[View, ...], board: Board, image_size: tuple[int, int]) -> tuple[View, ...]:
-    """Rejects pairs that a fit of all of them leaves far off, and takes mis-found corners out of the others."""
+def _of_one_rig(
+    views: tuple[View, ...], board: Board, image_size: tuple[int, int], model: LensModel
+) -> tuple[View, ...]:
+    """Rejects pairs that a fit of all of them leaves far off."""
     accepted = [i for i, view in enumerate(views) if view.accepted]
     if len(accepted) < _MIN_VIEWS_TO_COMPARE:
         return views
     chosen = Observations(board, image_size, tuple(views[i] for i in accepted))
     try:
-        fit = calibrate_points(chosen.left_px, chosen.right_px, chosen.board_m, image_size, held_out=False)
+        fit = calibrate_points(
+            chosen.left_px,
+            chosen.right_px,
+            chosen.board_m,
+            image_size,
+            model="brown5" if model == "auto" else model,
+            held_out=False,
+        )
     except (Error, ValueError):
         # The calibration will say why.
         return views
@@ -191,34 +203,7 @@ def _of_one_rig(views: tuple[View, ...], board: Board, image_size: tuple[int, in
         for i, error_px in zip(np.array(accepted)[off], rms_px[off], strict=True):
             reason = f"its corners are {error_px:.2f} px off where the other pairs put them, usually {usual_px:.2f} px"
             result[i] = _rejected(views[i], reason, usable_alone=False)
-    for i, pose in zip(accepted, fit.views, strict=True):
-        if result[i].accepted:
-            result[i] = _without_stray_corners(result[i], board, fit, pose)
     return tuple(result)
-
-
-def _without_stray_corners(view: View, board: Board, fit: StereoCalibration, pose: ViewResidual) -> View:
-    points_m = board.points_m
-    kept: list[Corners | None] = []
-    for side, seen in (("left", view.left), ("right", view.right)):
-        if seen is None:
-            return view
-        in_camera = points_m[seen.ids] @ pose.rotation.T + pose.translation_m
-        if side == "right":
-            in_camera = in_camera @ fit.rotation.T + fit.translation_m
-        camera = fit.left if side == "left" else fit.right
-        off_px = np.linalg.norm(seen.px - camera.project(in_camera), axis=1)
-        stray = off_px > _CORNER_SIGMAS * float(np.median(off_px)) / _RAYLEIGH_MEDIAN
-        if not stray.any() or len(seen.ids) - stray.sum() < MIN_CORNERS:
-            kept.append(seen)
-            continue
-        columns, _ = board.corner_grid
-        # The first few are enough to find them in the photograph.
-        named = ", ".join(f"({i % columns + 1}, {i // columns + 1})" for i in seen.ids[stray][:4])
-        text = f"{stray.sum()} of {len(stray)} corners left out, {off_px[stray].max():.1f} px off: {named}"
-        remark = f"{seen.remark}; {text}" if seen.remark else text
-        kept.append(replace(seen, px=seen.px[~stray], ids=seen.ids[~stray], remark=remark))
-    return replace(view, left=kept[0], right=kept[1])
 
 
 def _relative_poses(views: list[View], board: Board, image_size: tuple[int, int]) -> list[_RelativePose] | None:

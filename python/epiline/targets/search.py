@@ -7,12 +7,16 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from epiline.targets.boards import Board, Chessboard
 from epiline.targets.observations import MIN_CORNERS, SIDES, Corners, Observations, View
 from epiline.targets.photograph import Look, Photograph, look_at, read_grey
+
+if TYPE_CHECKING:
+    from epiline.targets.screening import LensModel
 
 # Photographs that are looked at again when a count may be wrong.
 _SAMPLE = 4
@@ -27,6 +31,7 @@ def find_boards(
     threads: int | None = None,
     cache: str | os.PathLike[str] | None = None,
     progress: Callable[[], object] | None = None,
+    model: LensModel = "brown4",
 ) -> Observations:
     """Finds a board in pairs of photographs, and says of every pair that is not used why.
 
@@ -49,6 +54,8 @@ def find_boards(
         so that a run that was broken off goes on where it was.
     progress : callable, optional
         Called after each pair.
+    model : str
+        Lens of :func:`epiline.calibrate` under which views are compared with each other.
 
     Returns
     -------
@@ -87,7 +94,7 @@ def find_boards(
 
     of_one_size = tuple(_of_size(view, look, size) for view, look in zip(views, looks, strict=True))
     remarks = _larger_than_asked(pairs, of_one_size, board)
-    return Observations(board, size, screened(of_one_size, board, size), remarks)
+    return Observations(board, size, screened(of_one_size, board, size, model), remarks)
 
 
 _Pair = tuple["Photograph | None", "Photograph | None"]

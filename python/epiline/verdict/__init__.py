@@ -150,7 +150,8 @@ def _judge_views(calibration: StereoCalibration, found: _Reasons) -> None:
         "lenses (very wide ones need another), or the board is not flat"
     )
     found.grade(calibration.rms_px, _GOOD_RMS_PX, _USABLE_RMS_PX, text)
-    rms = [max(view.left_rms_px, view.right_rms_px) for view in views]
+    # NaN: a camera that did not see the board.
+    rms = [float(np.fmax(view.left_rms_px, view.right_rms_px)) for view in views]
     typical = sorted(rms)[len(rms) // 2]
     outlying = [str(i + 1) for i, value in enumerate(rms) if value > _OUTLYING_VIEW * typical]
     if outlying:

@@ -9,6 +9,7 @@ import numpy as np
 
 from epiline._core import Error, StereoCalibration, calibrate_points
 from epiline.targets import Observations
+from epiline.targets.screening import LensModel
 
 # Pixels of today's sensors are square. What a poor set of views makes of them stays well below two in a hundred.
 _SQUARE_TOLERANCE = 0.02
@@ -62,16 +63,17 @@ def refocused(calibration: StereoCalibration, observations: Observations) -> str
     Views are taken in the order given, which is that of time. Every split of them into two parts is tried.
     """
     views = observations.accepted
-    if len(views) < 2 * _VIEWS_A_PART or len(views) != len(calibration.views):
+    if len(views) < 2 * _VIEWS_A_PART or len(views) > len(calibration.views):
         return ""
     step = max(1, len(views) // _MAX_VIEWS)
     chosen = list(range(0, len(views), step))
-    whole = _fitted(observations, chosen)
+    model = _model_of(calibration)
+    whole = _fitted(observations, chosen, model)
     if whole is None:
         return ""
     splits = []
     for at in range(_VIEWS_A_PART, len(chosen) - _VIEWS_A_PART + 1, max(1, len(chosen) // 12)):
-        parts = _fitted(observations, chosen[:at]), _fitted(observations, chosen[at:])
+        parts = _fitted(observations, chosen[:at], model), _fitted(observations, chosen[at:], model)
         if parts[0] is not None and parts[1] is not None:
             squares = _squares_px2(parts[0]) + _squares_px2(parts[1])
             splits.append(_Split(at, squares, (parts[0], parts[1])))
@@ -98,7 +100,14 @@ def refocused(calibration: StereoCalibration, observations: Observations) -> str
     )
 
 
-def _fitted(observations: Observations, chosen: list[int]) -> StereoCalibration | None:
+def _model_of(calibration: StereoCalibration) -> LensModel:
+    """Under which lens a calibration was made."""
+    models: dict[str, LensModel] = {"rational": "rational", "thin-prism": "thin-prism", "kannala-brandt": "fisheye"}
+    plain: LensModel = "brown5" if calibration.left.distortion[-1] else "brown4"
+    return models.get(calibration.left.lens, plain)
+
+
+def _fitted(observations: Observations, chosen: list[int], model: LensModel) -> StereoCalibration | None:
     left, right, board = observations.left_px, observations.right_px, observations.board_m
     try:
         return calibrate_points(
@@ -106,6 +115,7 @@ def _fitted(observations: Observations, chosen: list[int]) -> StereoCalibration 
             [right[i] for i in chosen],
             [board[i] for i in chosen],
             observations.image_size,
+            model=model,
             held_out=False,
         )
     except (Error, ValueError):

@@ -43,12 +43,13 @@ class ViewErrors:
 def view_errors(calibration: StereoCalibration, observations: Observations) -> list[ViewErrors]:
     """Errors of each accepted pair; empty if the calibration was not made from these observations."""
     accepted = observations.accepted
-    if len(calibration.views) != len(accepted):
+    if len(calibration.views) < len(accepted):
         return []
     rig = Rig.of(calibration)
     sides = zip(observations.left_px, observations.right_px, observations.board_m, strict=True)
     result = []
-    for view, pose, (left, right, board_m) in zip(accepted, calibration.views, sides, strict=True):
+    # Views of one camera alone come after the pairs.
+    for view, pose, (left, right, board_m) in zip(accepted, calibration.views, sides, strict=False):
         in_left = board_m @ pose.rotation.T + pose.translation_m
         in_right = in_left @ calibration.rotation.T + calibration.translation_m
         result.append(

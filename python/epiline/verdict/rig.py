@@ -13,8 +13,9 @@ from epiline._core import CameraModel, StereoCalibration
 Floats = NDArray[np.float64]
 
 _INTRINSICS = ("fx", "fy", "cx", "cy")
-# OpenCV's order of the distortion coefficients.
+# OpenCV's order of the distortion coefficients, and that of its fisheye's.
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
+_FISHEYE = ("k1", "k2", "k3", "k4")
 # Step of a derivative, in standard deviations of the parameter: small enough to be straight, far above rounding.
 _STEP_SIGMAS = 0.1
 
@@ -124,8 +125,9 @@ def _varied_camera(camera: CameraModel, name: str, amount: float) -> CameraModel
     if name in _INTRINSICS:
         matrix[((0, 0), (1, 1), (0, 2), (1, 2))[_INTRINSICS.index(name)]] += amount
     else:
-        distortion[_DISTORTION.index(name)] += amount
-    return CameraModel(matrix, distortion, width=camera.width, height=camera.height)
+        names = {"kannala-brandt": _FISHEYE, "tsai": ("kappa1",)}.get(camera.lens, _DISTORTION)
+        distortion[names.index(name)] += amount
+    return CameraModel(matrix, distortion, width=camera.width, height=camera.height, lens=camera.lens)
 
 
 def _rays(camera: CameraModel, pixels: Floats) -> Floats:

@@ -6,19 +6,22 @@ use super::BoardView;
 use crate::camera::{AlignedFrame, StereoCalibration};
 use crate::error::{Error, Result};
 
-/// Which views one fit leaves out: every `step`-th from `first`.
+/// Which views one fit leaves out: every `step`-th from `first` of those that both cameras saw.
 struct Fold {
     first: usize,
     step: usize,
 }
 
 impl Fold {
-    /// (views to fit, views left out).
+    /// (views to fit, views left out); views of one camera, which have no rows to compare, are always fitted.
     fn split(&self, views: &[BoardView]) -> (Vec<BoardView>, Vec<BoardView>) {
-        let indexed: (Vec<_>, Vec<_>) =
-            views.iter().cloned().enumerate().partition(|(i, _)| i % self.step != self.first);
-        let plain = |side: Vec<(usize, BoardView)>| side.into_iter().map(|(_, v)| v).collect();
-        (plain(indexed.0), plain(indexed.1))
+        let mut pairs = 0;
+        views.iter().cloned().partition(|view| {
+            let place = pairs;
+            let is_pair = view.common().next().is_some();
+            pairs += usize::from(is_pair);
+            !is_pair || place % self.step != self.first
+        })
     }
 }
 
@@ -29,7 +32,8 @@ pub(super) fn fit_and_test(
     fit: impl Fn(&[BoardView]) -> Result<StereoCalibration>,
 ) -> Result<StereoCalibration> {
     let mut calibration = fit(views)?;
-    calibration.epipolar_error_px = mean_error_px(views.len(), folds, |fold| {
+    let pairs = views.iter().filter(|view| view.common().next().is_some()).count();
+    calibration.epipolar_error_px = mean_error_px(pairs, folds, |fold| {
         let (train, test) = fold.split(views);
         epipolar_error_px(&fit(&train)?, &test)
     });
@@ -59,7 +63,7 @@ fn epipolar_error_px(calibration: &StereoCalibration, views: &[BoardView]) -> Re
     let focal_px = AlignedFrame::common_focal_px(&calibration.left, &calibration.right);
     let (mut sum, mut corners) = (0.0, 0);
     for view in views {
-        for (left, right) in view.left_px.iter().zip(&view.right_px) {
+        for (left, right) in view.common() {
             let ideal = calibration
                 .left
                 .normalised_from_pixel(Vector2::from(*left))

@@ -3,13 +3,13 @@
 use super::{BoardView, Loss};
 use crate::error::{Error, Result};
 
-/// Corners a view must have; four determine its homography, the rest are what the fit is checked against.
-const MIN_CORNERS: usize = 6;
+/// Corners that a camera must have seen of a view for a pose; four determine its homography, the rest are what the fit is checked against.
+pub(super) const MIN_CORNERS: usize = 6;
 
 /// The largest image side accepted, pixels.
 const MAX_SIDE_PX: usize = 16_384;
 
-/// Fails, naming the view and corner, unless every view is complete, finite, flat and inside the image.
+/// Fails, naming the view and corner, unless every view is finite, flat and inside the image, and enough of it seen.
 pub(super) fn check(views: &[BoardView], (width, height): (usize, usize), min_views: usize) -> Result<()> {
     if width == 0 || height == 0 || width > MAX_SIDE_PX || height > MAX_SIDE_PX {
         let sides = format!("{width}x{height} px");
@@ -30,12 +30,10 @@ pub(super) fn check(views: &[BoardView], (width, height): (usize, usize), min_vi
             }
             check_pixels(name, v, list, (width, height))?;
         }
-        if corners < MIN_CORNERS {
-            return Err(Error::NotEnoughData {
-                what: "corners in one view",
-                actual: corners,
-                needed: MIN_CORNERS,
-            });
+        let most = view.seen_by(0).max(view.seen_by(1));
+        if most < MIN_CORNERS {
+            let what = "corners in one view, seen by one camera,";
+            return Err(Error::NotEnoughData { what, actual: most, needed: MIN_CORNERS });
         }
         check_board(v, &view.board_m)?;
     }
@@ -45,8 +43,12 @@ pub(super) fn check(views: &[BoardView], (width, height): (usize, usize), min_vi
 /// Fails unless a loss's threshold is a positive number.
 pub(super) fn check_loss(loss: Loss) -> Result<()> {
     match loss {
-        Loss::Huber { sigmas } if sigmas.is_nan() || sigmas <= 0.0 => {
+        Loss::Huber { sigmas, .. } if sigmas.is_nan() || sigmas <= 0.0 => {
             Err(Error::invalid("sigmas", sigmas, "the Huber threshold must be positive"))
+        }
+        Loss::Huber { outlier_sigmas, .. } if outlier_sigmas.is_nan() || outlier_sigmas < 2.0 => {
+            let expected = "must be at least 2: nearer corners are ordinary ones";
+            Err(Error::invalid("outlier_sigmas", outlier_sigmas, expected))
         }
         _ => Ok(()),
     }
@@ -60,8 +62,12 @@ fn check_pixels(
 ) -> Result<()> {
     for (c, [x, y]) in list.iter().enumerate() {
         let place = || format!("({x}, {y}) px at view {view}, corner {c}");
+        if x.is_nan() && y.is_nan() {
+            continue;
+        }
         if !(x.is_finite() && y.is_finite()) {
-            return Err(Error::invalid(name, place(), "every corner must be finite"));
+            let expected = "every corner must be finite, or NaN in both coordinates where it was not seen";
+            return Err(Error::invalid(name, place(), expected));
         }
         // Sub-pixel refinement may end just outside the outermost pixel centres.
         if *x < -1.0 || *y < -1.0 || *x > width as f64 || *y > height as f64 {

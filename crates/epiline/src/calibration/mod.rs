@@ -4,18 +4,26 @@
 //! from Zhang's closed form. [`tsai`] is the method of the 2011 paper, for one camera and for a pair.
 
 mod bundle;
+mod fisheye_start;
+mod freedom;
 mod held_out;
 mod homography;
 mod input;
 mod lens;
+mod options;
 mod rig;
 mod solver;
 mod start;
 pub mod tsai;
+mod warp;
 
-pub use bundle::calibrate;
+pub use bundle::{calibrate, calibrate_choosing_lens};
+pub use options::{BundleOptions, Constraints, LensModel, Loss};
 
-/// One board as both cameras saw it: entry `i` of each list is one corner.
+/// One board as the cameras saw it: entry `i` of each list is one corner.
+///
+/// A corner that a camera did not see is NaN there. A view of one camera alone has nothing but NaN for the other: it
+/// informs that camera, and says nothing of the pose between the two.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoardView {
     /// Where the left camera saw the corners (x, y), pixels.
@@ -26,53 +34,23 @@ pub struct BoardView {
     pub board_m: Vec<[f64; 3]>,
 }
 
-/// Which distortion coefficients are solved for; the others stay zero.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum LensModel {
-    /// k1, k2, p1, p2: the default. On four real rigs k3 raised the held-out error of one by 60 %, lowered that of
-    /// another by 5 % and left two as they were (`benchmarks/calibration_anchors.py`).
-    #[default]
-    Brown4,
-    /// k1, k2, p1, p2, k3.
-    Brown5,
-}
+impl BoardView {
+    /// Pixels of the left (0) or right camera.
+    fn pixels(&self, camera: usize) -> &[[f64; 2]] {
+        if camera == 0 { &self.left_px } else { &self.right_px }
+    }
 
-/// How the distance of a corner from its prediction is punished.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Loss {
-    /// Least squares: the optimum for Gaussian noise, at the mercy of every misplaced corner.
-    Squared,
-    /// Huber's loss: quadratic up to `sigmas` times the noise of the corners, linear beyond.
-    ///
-    /// The noise is read from the median residual, so clean corners keep their full weight whatever the camera.
-    Huber {
-        /// Threshold in standard deviations of one coordinate.
-        sigmas: f64,
-    },
-}
+    /// How many corners a camera saw.
+    fn seen_by(&self, camera: usize) -> usize {
+        self.pixels(camera).iter().filter(|p| solver::is_seen(p)).count()
+    }
 
-impl Default for Loss {
-    /// Huber at 3 sigma: of Gaussian corners 1 in 90 lies beyond, and only barely.
-    fn default() -> Self {
-        Self::Huber { sigmas: 3.0 }
+    /// Corners that both cameras saw, left and right.
+    fn common(&self) -> impl Iterator<Item = (&[f64; 2], &[f64; 2])> {
+        let both = self.left_px.iter().zip(&self.right_px);
+        both.filter(|(left, right)| solver::is_seen(left) && solver::is_seen(right))
     }
 }
 
-/// Settings of [`calibrate`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BundleOptions {
-    /// Distortion model.
-    pub lens: LensModel,
-    /// Loss.
-    pub loss: Loss,
-    /// Into how many interleaved parts the views are divided for the held-out epipolar error; 0 leaves it unknown.
-    ///
-    /// With fewer than four views per part each view is left out on its own. Each part costs another fit.
-    pub held_out_folds: usize,
-}
-
-impl Default for BundleOptions {
-    fn default() -> Self {
-        Self { lens: LensModel::default(), loss: Loss::default(), held_out_folds: 2 }
-    }
-}
+/// What errors call the cameras.
+const CAMERAS: [&str; 2] = ["left", "right"];

@@ -1,11 +1,12 @@
 //! The joint fit of both cameras, whatever their lens model, and the verdict on it.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector2};
 
+use super::input::MIN_CORNERS;
 use super::lens::Lens;
-use super::solver::{Bundle, Estimate, Huber, Minimum, View};
-use super::{BoardView, Loss};
-use crate::camera::{AlignedFrame, CameraModel, Pose, StereoCalibration, ViewResidual};
+use super::solver::{Bundle, Estimate, Freedom, Huber, Minimum, View};
+use super::{BoardView, CAMERAS, Loss};
+use crate::camera::{AlignedFrame, BoardWarp, CameraModel, Outlier, Pose, StereoCalibration, ViewResidual};
 use crate::error::{Error, Result};
 
 /// Costs that differ by less than this part of themselves are one minimum.
@@ -20,14 +21,21 @@ const TYPICAL_NOISE_PX: f64 = 0.1;
 /// The largest standard deviation of a focal length, relative to it, that is an answer at all.
 const MAX_FOCAL_SIGMA: f64 = 0.05;
 
+/// Intrinsic parameters of a camera beyond which a lens model may ask too much of ordinary views: those of Brown's.
+const MODEST_LENS: usize = 9;
+
 /// A rig in the parameters of its lens model.
 pub(super) struct RigFit<const K: usize> {
     pub estimate: Estimate<K>,
     /// Of left intrinsics, right intrinsics, rotation, translation: `2K + 6` square.
     pub covariance: DMatrix<f64>,
-    /// Over all corners of both cameras.
+    /// Of the board's two warps, metres; `None` if they were not solved for.
+    pub warp_sigma_m: Option<[f64; 2]>,
+    /// Corners left out.
+    pub outliers: Vec<Outlier>,
+    /// Over all other corners of both cameras.
     pub rms_px: f64,
-    /// Left and right rms of each view, pixels.
+    /// Left and right rms of each view, pixels; NaN where a camera saw nothing.
     pub view_rms_px: Vec<[f64; 2]>,
 }
 
@@ -36,18 +44,49 @@ pub(super) fn solver_views(views: &[BoardView]) -> Vec<View<'_>> {
     views.iter().map(|v| View { board_m: &v.board_m, pixels: [&v.left_px, &v.right_px] }).collect()
 }
 
-/// Fits everything jointly from a start. `free` is as in [`Bundle::new`].
+/// Fits everything jointly from a start, without corners that turn out to be mis-found.
+///
+/// What is left out is judged anew after each fit, from all corners, until it stays the same: a corner that only a
+/// first, bent fit put far off comes back.
 pub(super) fn fit<L: Lens<K>, const K: usize>(
     lens: &L,
-    views: &[View<'_>],
+    views: &[BoardView],
     start: Estimate<K>,
-    free: &[bool],
+    freedom: &Freedom,
     loss: Loss,
 ) -> Result<RigFit<K>> {
-    let bundle = Bundle::new(lens, views, free);
-    let (minimum, huber) = minimise(&bundle, start, loss);
+    const MAX_ROUNDS: usize = 10;
+    let everything = solver_views(views);
+    let all = Bundle::new(lens, &everything, freedom);
+    let mut kept = views.to_vec();
+    let mut outliers = Vec::new();
+    let mut estimate = start;
+    for _ in 0..MAX_ROUNDS {
+        let (minimum, _) = minimise(&Bundle::new(lens, &solver_views(&kept), freedom), estimate, loss);
+        estimate = minimum.estimate;
+        let Loss::Huber { outlier_sigmas, .. } = loss else { break };
+        let found = outliers_of(&all, &estimate, outlier_sigmas);
+        let same = found.iter().map(Outlier::place).eq(outliers.iter().map(Outlier::place));
+        outliers = found;
+        if same {
+            break;
+        }
+        kept = without(views, &outliers);
+    }
+    let seen = solver_views(&kept);
+    conclude(&Bundle::new(lens, &seen, freedom), estimate, loss, outliers)
+}
+
+/// The last minimisation, and how certain it is.
+fn conclude<L: Lens<K>, const K: usize>(
+    bundle: &Bundle<'_, L, K>,
+    start: Estimate<K>,
+    loss: Loss,
+    outliers: Vec<Outlier>,
+) -> Result<RigFit<K>> {
+    let (minimum, huber) = minimise(bundle, start, loss);
     let Minimum { estimate, converged } = minimum;
-    let undetermined = || Error::degenerate("calibration", undetermined_reason(&estimate.left_from_board));
+    let undetermined = || Error::degenerate("calibration", undetermined_reason(&estimate.left_from_board, K));
     // A valley without a bottom also ends as "not converged"; its cause is the more useful message.
     let (mut covariance, _) = bundle.inverse_normals(&estimate).ok_or_else(undetermined)?;
     for (camera, intrinsics) in estimate.intrinsics.iter().enumerate() {
@@ -62,9 +101,65 @@ pub(super) fn fit<L: Lens<K>, const K: usize>(
                       and is each view one moment?";
         return Err(Error::degenerate("calibration", reason));
     }
-    let residuals = Residuals::of(&bundle, &estimate, huber).ok_or_else(undetermined)?;
+    let residuals = Residuals::of(bundle, &estimate, huber).ok_or_else(undetermined)?;
     covariance *= residuals.variance(bundle.parameter_count());
-    Ok(RigFit { rms_px: residuals.rms_px(), view_rms_px: residuals.view_rms_px(), estimate, covariance })
+    let warp = [2 * K + 6, 2 * K + 7].map(|i| covariance[(i, i)].max(0.0).sqrt());
+    Ok(RigFit {
+        rms_px: residuals.rms_px(),
+        view_rms_px: residuals.view_rms_px(),
+        estimate,
+        covariance: covariance.resize(2 * K + 6, 2 * K + 6, 0.0),
+        warp_sigma_m: (warp[0] > 0.0).then_some(warp),
+        outliers,
+    })
+}
+
+/// Corners far off their prediction for their photograph's noise and that of all of them.
+fn outliers_of<L: Lens<K>, const K: usize>(
+    bundle: &Bundle<'_, L, K>,
+    estimate: &Estimate<K>,
+    outlier_sigmas: f64,
+) -> Vec<Outlier> {
+    let mut photographs = vec![[Vec::new(), Vec::new()]; estimate.left_from_board.len()];
+    let visit = |view: usize, camera: usize, corner: usize, residual: Vector2<f64>| {
+        photographs[view][camera].push((corner, residual.norm()));
+    };
+    if bundle.visit_residuals(estimate, visit).is_none() {
+        return Vec::new();
+    }
+    let noise_of_all = spread_px(photographs.iter().flatten().flatten().map(|(_, length)| *length));
+    let mut outliers = Vec::new();
+    for (view, cameras) in photographs.iter().enumerate() {
+        for (camera, corners) in cameras.iter().enumerate() {
+            let sigma_px = noise_of_all.max(spread_px(corners.iter().map(|(_, length)| *length)));
+            let far = corners.iter().filter(|(_, length)| *length > outlier_sigmas * sigma_px);
+            let far: Vec<Outlier> = far
+                .map(|&(corner, residual_px)| Outlier {
+                    view,
+                    side: CAMERAS[camera],
+                    corner,
+                    residual_px,
+                    sigma_px,
+                })
+                .collect();
+            // A photograph of which next to nothing would be left is another matter than a stray corner.
+            if corners.len() - far.len() >= MIN_CORNERS {
+                outliers.extend(far);
+            }
+        }
+    }
+    outliers
+}
+
+/// The views with some corners unseen.
+fn without(views: &[BoardView], outliers: &[Outlier]) -> Vec<BoardView> {
+    let mut kept = views.to_vec();
+    for outlier in outliers {
+        let view = &mut kept[outlier.view];
+        let pixels = if outlier.side == CAMERAS[0] { &mut view.left_px } else { &mut view.right_px };
+        pixels[outlier.corner] = [f64::NAN; 2];
+    }
+    kept
 }
 
 /// Minimises, re-reading the noise from the residuals until the Huber threshold has settled.
@@ -74,7 +169,7 @@ fn minimise<L: Lens<K>, const K: usize>(
     loss: Loss,
 ) -> (Minimum<K>, Huber) {
     const MAX_ROUNDS: usize = 12;
-    let Loss::Huber { sigmas } = loss else {
+    let Loss::Huber { sigmas, .. } = loss else {
         return (bundle.minimise(start, Huber::SQUARED, TOLERANCE), Huber::SQUARED);
     };
     let threshold = |estimate: &Estimate<K>| Huber { threshold_px: sigmas * noise_px(bundle, estimate) };
@@ -91,15 +186,24 @@ fn minimise<L: Lens<K>, const K: usize>(
     (minimum, huber)
 }
 
-/// Standard deviation of one coordinate of a corner, from the median residual.
+/// Standard deviation of one coordinate of a corner; infinite where a corner has no image.
 fn noise_px<L: Lens<K>, const K: usize>(bundle: &Bundle<'_, L, K>, estimate: &Estimate<K>) -> f64 {
+    let mut lengths = Vec::new();
+    match bundle.visit_residuals(estimate, |_, _, _, residual| lengths.push(residual.norm())) {
+        Some(()) => spread_px(lengths.into_iter()),
+        None => f64::INFINITY,
+    }
+}
+
+/// Standard deviation of one coordinate, from the median length of residuals.
+fn spread_px(lengths: impl Iterator<Item = f64>) -> f64 {
     /// Median of the Rayleigh distribution, which the length of a Gaussian 2-vector has.
     const RAYLEIGH_MEDIAN: f64 = 1.177_410_022_515_474_7;
     // Corners are never known better; it keeps the threshold of noise-free corners off rounding errors.
     const FLOOR_PX: f64 = 1e-3;
-    let mut lengths = Vec::new();
-    if bundle.visit_residuals(estimate, |_, _, residual| lengths.push(residual.norm())).is_none() {
-        return f64::INFINITY;
+    let mut lengths: Vec<f64> = lengths.collect();
+    if lengths.is_empty() {
+        return FLOOR_PX;
     }
     let middle = lengths.len() / 2;
     let (_, median, _) = lengths.select_nth_unstable_by(middle, f64::total_cmp);
@@ -124,7 +228,7 @@ impl Residuals {
     ) -> Option<Self> {
         let mut sums =
             Self { views: vec![[(0.0, 0); 2]; estimate.left_from_board.len()], influence: 0.0, slope: 0.0 };
-        bundle.visit_residuals(estimate, |view, camera, residual| {
+        bundle.visit_residuals(estimate, |view, camera, _, residual| {
             let squared = residual.norm_squared();
             let sum = &mut sums.views[view][camera];
             *sum = (sum.0 + squared, sum.1 + 1);
@@ -164,7 +268,7 @@ impl Residuals {
     }
 }
 
-fn undetermined_reason(camera_from_board: &[Pose]) -> String {
+fn undetermined_reason(camera_from_board: &[Pose], intrinsics: usize) -> String {
     let tilt = |pose: &Pose| pose.rotation[(2, 2)].abs().min(1.0).acos().to_degrees();
     let largest = camera_from_board.iter().map(tilt).fold(0.0, f64::max);
     if largest < 5.0 {
@@ -172,6 +276,10 @@ fn undetermined_reason(camera_from_board: &[Pose]) -> String {
             "all boards are parallel to the image plane (largest tilt {largest:.1} degrees), which leaves focal \
              length and distance inseparable; tilt the board by 30 degrees or more, in different directions"
         )
+    } else if intrinsics > MODEST_LENS {
+        "the views do not determine all coefficients of this lens model; take a simpler one, or more views that fill \
+         the image to its corners"
+            .to_owned()
     } else {
         "the views do not determine the focal length; tilt the board by 30 degrees or more, in different directions, \
          and fill the image with it"
@@ -186,7 +294,7 @@ pub(super) fn require_tilt(camera_from_board: &[Pose]) -> Result<()> {
     if camera_from_board.iter().any(tilted) {
         return Ok(());
     }
-    Err(Error::degenerate("calibration", undetermined_reason(camera_from_board)))
+    Err(Error::degenerate("calibration", undetermined_reason(camera_from_board, 0)))
 }
 
 /// Makes the public result, unless it is one that no pair of cameras with the left one on the left can have.
@@ -215,6 +323,10 @@ pub(super) fn finish<const K: usize>(
         epipolar_error_px: f64::NAN,
         covariance: Some(covariance),
         views,
+        outliers: fit.outliers,
+        board_warp: fit
+            .warp_sigma_m
+            .map(|sigma_m| BoardWarp { height_m: fit.estimate.board_warp_m.into(), sigma_m }),
     };
     calibration.validate()?;
     require_consistent_views(&fit.view_rms_px)?;

@@ -80,12 +80,52 @@ impl DepthVariance {
 /// How well one pair of photographs agrees with the calibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewResidual {
-    /// Root mean square distance of the left corners from their prediction, pixels.
+    /// Root mean square distance of the left corners from their prediction, pixels; NaN if the left camera saw none.
     pub left_rms_px: f64,
     /// The same for the right corners.
     pub right_rms_px: f64,
     /// Pose of the board: `left_from_board`.
     pub left_from_board: Pose,
+}
+
+/// A corner that a calibration left out because it was mis-found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outlier {
+    /// Which view, counting from 0.
+    pub view: usize,
+    /// Whose photograph: `left` or `right`.
+    pub side: &'static str,
+    /// Which of the view's corners, counting from 0.
+    pub corner: usize,
+    /// Its distance from its prediction, pixels.
+    pub residual_px: f64,
+    /// What is usual there: standard deviation of one coordinate in this photograph or in all, whichever is larger.
+    pub sigma_px: f64,
+}
+
+impl Outlier {
+    /// Which corner of which photograph.
+    pub fn place(&self) -> (usize, &'static str, usize) {
+        (self.view, self.side, self.corner)
+    }
+
+    /// Why it was left out.
+    pub fn reason(&self) -> String {
+        let Self { residual_px, sigma_px, .. } = self;
+        let times = residual_px / sigma_px;
+        format!(
+            "{residual_px:.2} px off its prediction, {times:.1} times the {sigma_px:.3} px that are usual there"
+        )
+    }
+}
+
+/// How far the middle of a board stands out of the plane of its corners: two parabolas, one along each side.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoardWarp {
+    /// Along the board's x and y axis, metres; positive along the board's z axis, away from the cameras.
+    pub height_m: [f64; 2],
+    /// Their standard deviations, metres.
+    pub sigma_m: [f64; 2],
 }
 
 /// Two cameras, the pose between them, and how far to trust both.
@@ -106,6 +146,10 @@ pub struct StereoCalibration {
     pub covariance: Option<DMatrix<f64>>,
     /// One entry per view used; empty if unknown.
     pub views: Vec<ViewResidual>,
+    /// Corners that were left out; rig files do not keep them.
+    pub outliers: Vec<Outlier>,
+    /// The board's bend, if it was solved for; rig files do not keep it.
+    pub board_warp: Option<BoardWarp>,
 }
 
 impl StereoCalibration {
@@ -119,6 +163,8 @@ impl StereoCalibration {
             epipolar_error_px: f64::NAN,
             covariance: None,
             views: Vec::new(),
+            outliers: Vec::new(),
+            board_warp: None,
         };
         calibration.validate()?;
         Ok(calibration)

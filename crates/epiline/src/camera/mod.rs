@@ -8,6 +8,8 @@ mod uncertainty;
 
 pub(crate) use lens::distorted_radius;
 
-pub use calibration::{AlignedFrame, DepthVariance, Pose, StereoCalibration, ViewResidual};
+pub use calibration::{
+    AlignedFrame, BoardWarp, DepthVariance, Outlier, Pose, StereoCalibration, ViewResidual,
+};
 pub use lens::{Brown, KannalaBrandt, Lens, LensFormula, LensImage, LensView, Rational, ThinPrism, Tsai};
 pub use model::{CameraModel, CameraView};

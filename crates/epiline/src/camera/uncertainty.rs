@@ -113,7 +113,7 @@ impl StereoCalibration {
     /// The rig with one parameter moved, in the order and sense of [`parameter_names`](Self::parameter_names).
     pub(crate) fn perturbed(&self, parameter: usize, amount: f64) -> Self {
         let [right, pose, _] = self.layout();
-        let mut moved = Self { covariance: None, views: Vec::new(), ..*self };
+        let mut moved = Self { covariance: None, views: Vec::new(), outliers: Vec::new(), ..*self };
         if parameter < right {
             perturb(&mut moved.left, parameter, amount);
         } else if parameter < pose {

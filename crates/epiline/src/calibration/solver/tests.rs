@@ -1,11 +1,16 @@
 //! The normal equations against numbers that do not come from them.
 
-use nalgebra::Rotation3;
+use nalgebra::{Rotation3, Vector3};
 
-use super::super::lens::BrownConrady;
+use super::super::lens::PixelCamera;
+use super::equations::scaled_cholesky_solve;
 use super::*;
+use crate::camera::Brown;
 
-const K: usize = BrownConrady::PARAMETERS;
+const K: usize = 9;
+const SHARED: usize = 2 * K + Freedom::POSE_AND_WARP;
+
+type BrownCamera = PixelCamera<Brown, 5>;
 
 fn board() -> Vec<[f64; 3]> {
     (0..12).map(|i| [f64::from(i % 4) * 0.04, f64::from(i / 4) * 0.04, 0.0]).collect()
@@ -27,11 +32,12 @@ fn estimate() -> Estimate<K> {
             pose([-0.4, 0.3, -0.2], [-0.1, 0.02, 0.6]),
             pose([0.1, 0.5, 0.4], [0.03, -0.08, 0.45]),
         ],
+        board_warp_m: Vector2::new(0.002, -0.001),
     }
 }
 
 /// Pixels that the estimate does not explain: predictions moved by up to a few pixels.
-fn pixels(lens: &BrownConrady, board: &[[f64; 3]], camera: usize, view: usize) -> Vec<[f64; 2]> {
+fn pixels(lens: &BrownCamera, board: &[[f64; 3]], camera: usize, view: usize) -> Vec<[f64; 2]> {
     let estimate = estimate();
     let pose = estimate.camera_from_board(camera, view);
     let see = |(i, p): (usize, &[f64; 3])| {
@@ -44,18 +50,21 @@ fn pixels(lens: &BrownConrady, board: &[[f64; 3]], camera: usize, view: usize) -
 
 #[test]
 fn gradient_matches_central_differences_of_the_cost() {
-    let (lens, board, loss) = (BrownConrady, board(), Huber { threshold_px: 2.0 });
-    let seen: Vec<_> = (0..3).map(|v| [0, 1].map(|c| pixels(&lens, &board, c, v))).collect();
+    let (lens, board, loss) = (BrownCamera::NEW, board(), Huber { threshold_px: 2.0 });
+    let mut seen: Vec<_> = (0..3).map(|v| [0, 1].map(|c| pixels(&lens, &board, c, v))).collect();
+    seen[0][1][4] = [f64::NAN; 2];
     let mut views: Vec<_> =
         seen.iter().map(|[l, r]| View { board_m: &board, pixels: [l.as_slice(), r] }).collect();
     // One view that only the left camera saw, one that only the right camera saw.
     views[1].pixels[1] = &[];
     views[2].pixels[0] = &[];
-    let bundle = Bundle::new(&lens, &views, &[true; 2 * K + 6]);
+    // One focal length for both axes of the left camera, one k1 for both cameras.
+    let freedom = Freedom::new(&[true; SHARED], &[(0, 1), (4, K + 4)]);
+    let bundle = Bundle::new(&lens, &views, &freedom);
     let at = estimate();
     let system = bundle.assemble(&at, loss).expect("all in view");
     let zero = || Step {
-        shared: DVector::zeros(2 * K + 6),
+        shared: DVector::zeros(freedom.count),
         poses: vec![Vector6::zeros(); 3],
         predicted_reduction: 0.0,
     };
@@ -67,9 +76,11 @@ fn gradient_matches_central_differences_of_the_cost() {
         let numeric = (cost(&ahead) - cost(&behind)) / (2.0 * h);
         assert!((analytic - numeric).abs() < 1e-4 * (1.0 + numeric.abs()), "{name}: {analytic} {numeric}");
     };
-    for i in 0..2 * K + 6 {
+    assert_eq!(freedom.count, SHARED - 2);
+    for (i, slot) in freedom.slots.iter().enumerate() {
+        let slot = slot.expect("everything is free");
         let h = if i < 2 * K && i % K < 4 { 1e-4 } else { 1e-7 };
-        check(format!("shared {i}"), system.gradient[i], h, &|step, h| step.shared[i] = h);
+        check(format!("shared {i}"), system.gradient[slot], h, &|step, h| step.shared[slot] = h);
     }
     for (v, block) in system.blocks.iter().enumerate() {
         for i in 0..6 {
@@ -80,16 +91,17 @@ fn gradient_matches_central_differences_of_the_cost() {
 
 #[test]
 fn elimination_solves_the_whole_system() {
-    let (lens, board) = (BrownConrady, board());
+    let (lens, board) = (BrownCamera::NEW, board());
     let seen: Vec<_> = (0..3).map(|v| [0, 1].map(|c| pixels(&lens, &board, c, v))).collect();
     let views: Vec<_> =
         seen.iter().map(|[l, r]| View { board_m: &board, pixels: [l.as_slice(), r] }).collect();
     // One coefficient of each camera held fixed.
-    let mut free = [true; 2 * K + 6];
+    let mut free = [true; SHARED];
     (free[8], free[17]) = (false, false);
-    let bundle = Bundle::new(&lens, &views, &free);
+    let freedom = Freedom::new(&free, &[]);
+    let bundle = Bundle::new(&lens, &views, &freedom);
     let system = bundle.assemble(&estimate(), Huber::SQUARED).expect("all in view");
-    let (shared, damping) = (bundle.free_count, 1e-2);
+    let (shared, damping) = (freedom.count, 1e-2);
     let size = shared + 18;
     let (mut whole, mut gradient) = (DMatrix::zeros(size, size), DVector::zeros(size));
     whole.view_mut((0, 0), (shared, shared)).copy_from(&system.shared);

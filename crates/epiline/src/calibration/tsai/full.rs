@@ -1,10 +1,10 @@
 //! Full optimisation: the minimum of the squared pixel distances over everything the points determine.
 
-use nalgebra::{Matrix3, Matrix6, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 
 use super::lens::TsaiLens;
 use super::{M_PER_MM, METHOD, TsaiCamera, TsaiSigma, TwoStage, angles, sum_of_squares};
-use crate::calibration::solver::{Bundle, Estimate, Huber, View};
+use crate::calibration::solver::{Bundle, Estimate, Freedom, Huber, View};
 use crate::camera::Pose;
 use crate::error::{Error, Result};
 
@@ -24,10 +24,11 @@ pub(super) fn solve(
     start: &TwoStage,
 ) -> Result<(TsaiCamera, TsaiSigma)> {
     let is_answer = |(camera, sigma): &(TsaiCamera, TsaiSigma)| sigma.f_mm <= MAX_FOCAL_SIGMA * camera.f_mm;
-    if let Some(found) = minimise(world_mm, pixels, start, true).filter(is_answer) {
+    let (best, center_held) = (free_of(true, start.coplanar), free_of(false, start.coplanar));
+    if let Some(found) = minimise(world_mm, pixels, start, best).filter(is_answer) {
         return Ok(found);
     }
-    let (camera, sigma) = minimise(world_mm, pixels, start, false).ok_or_else(|| {
+    let (camera, sigma) = minimise(world_mm, pixels, start, center_held).ok_or_else(|| {
         Error::degenerate(METHOD, "the full optimisation did not converge; use full=False or more points")
     })?;
     if !is_answer(&(camera, sigma)) {
@@ -40,24 +41,45 @@ pub(super) fn solve(
     Ok((camera, sigma))
 }
 
+/// f, kappa1, Cx, Cy, sx.
+fn free_of(center: bool, coplanar: bool) -> [bool; 5] {
+    [true, true, center, center, !coplanar]
+}
+
+/// A start brought near, from far: the pose first, then f with it, then kappa1.
+pub(super) fn approached(world_mm: &[[f64; 3]], pixels: &[[f64; 2]], start: TwoStage) -> Result<TwoStage> {
+    if sum_of_squares(&start.camera, world_mm, pixels).is_none() {
+        let reason = "the start does not see all points: they are behind it or beyond its lens";
+        return Err(Error::degenerate(METHOD, reason));
+    }
+    let mut near = start;
+    for free in [[false; 5], [true, false, false, false, false], [true, true, false, false, false]] {
+        if let Some((camera, _)) = minimise(world_mm, pixels, &near, free) {
+            near.camera = camera;
+        }
+    }
+    Ok(near)
+}
+
 /// `None` if there is no minimum, or no certainty about it.
 fn minimise(
     world_mm: &[[f64; 3]],
     pixels: &[[f64; 2]],
     start: &TwoStage,
-    free_center: bool,
+    free_camera: [bool; 5],
 ) -> Option<(TsaiCamera, TsaiSigma)> {
-    let TwoStage { camera, coplanar, .. } = start;
+    let camera = &start.camera;
     let world_m: Vec<[f64; 3]> = world_mm.iter().map(|p| p.map(|v| v * M_PER_MM)).collect();
     let views = [View { board_m: &world_m, pixels: [pixels, &[]] }];
     let lens = TsaiLens { dpx_mm: camera.sensor.dpx_mm, dpy_mm: camera.sensor.dpy_mm };
-    let free_camera = [true, true, free_center, free_center, !coplanar];
-    let free: Vec<bool> = free_camera.into_iter().chain([false; 5 + 6]).collect();
-    let bundle = Bundle::new(&lens, &views, &free);
+    let free: Vec<bool> = free_camera.into_iter().chain([false; 5 + Freedom::POSE_AND_WARP]).collect();
+    let freedom = Freedom::new(&free, &[]);
+    let bundle = Bundle::new(&lens, &views, &freedom);
     let estimate = Estimate {
         intrinsics: [TsaiLens::pack(camera); 2],
         right_from_left: Pose::identity(),
         left_from_board: vec![camera.camera_from_world],
+        board_warp_m: Vector2::zeros(),
     };
     let minimum = bundle.minimise(estimate, Huber::SQUARED, TOLERANCE);
     if !minimum.converged {

@@ -27,7 +27,7 @@ mod tests;
 pub use lens::brown_from_tsai;
 pub use pair::calibrate_rig;
 
-use nalgebra::{Matrix3, SVector, Vector2, Vector3};
+use nalgebra::{Matrix3, Rotation3, SVector, Vector2, Vector3};
 
 use crate::camera::{Pose, distorted_radius};
 use crate::error::{Error, Result};
@@ -71,6 +71,13 @@ impl TsaiCamera {
         Some([sx * undistorted.x * shrink / dpx_mm + cx, undistorted.y * shrink / dpy_mm + cy])
     }
 
+    /// From Tx, Ty, Tz (mm) and Rx, Ry, Rz (radians) of `R = Rz·Ry·Rx`.
+    pub fn with_pose(self, translation_mm: [f64; 3], [rx, ry, rz]: [f64; 3]) -> Self {
+        let rotation = Rotation3::from_euler_angles(rx, ry, rz).into_inner();
+        let translation_m = Vector3::from(translation_mm) * M_PER_MM;
+        Self { camera_from_world: Pose { rotation, translation_m }, ..self }
+    }
+
     /// Tx, Ty, Tz, mm.
     pub fn translation_mm(&self) -> [f64; 3] {
         (self.camera_from_world.translation_m / M_PER_MM).into()
@@ -106,6 +113,9 @@ pub struct TsaiCalibration {
     pub condition: f64,
     /// Whether the points were taken as coplanar: then sx cannot be estimated.
     pub coplanar: bool,
+    /// By how much the angle between the image's axes differs from a right one, radians, as stage 1 sees it; NaN if
+    /// unknown: of coplanar points. Tsai's model has none: beyond its noise it tells of wrong points.
+    pub skew_rad: f64,
     /// Standard deviations; `None` after the two stages alone.
     pub sigma: Option<TsaiSigma>,
 }
@@ -139,32 +149,71 @@ pub fn calibrate(
     check(world_mm, pixels, sensor)?;
     let two_stage = two_stage(world_mm, pixels, sensor)?;
     let camera_and_sigma = if full {
-        if world_mm.len() < MIN_POINTS_FULL {
-            return Err(Error::NotEnoughData {
-                what: "points for a full optimisation",
-                actual: world_mm.len(),
-                needed: MIN_POINTS_FULL,
-            });
-        }
+        require_enough(world_mm)?;
         let (camera, sigma) = full::solve(world_mm, pixels, &two_stage)?;
         (camera, Some(sigma))
     } else {
         (two_stage.camera, None)
     };
     let (camera, sigma) = camera_and_sigma;
-    let sse_px2 = sum_of_squares(&camera, world_mm, pixels).ok_or_else(|| {
-        Error::degenerate(
-            METHOD,
-            "the camera found does not see all points: check kappa1 and the order of the points",
-        )
-    })?;
+    let sse_px2 = sum_of_squares(&camera, world_mm, pixels).ok_or_else(sees_not_all)?;
     Ok(TsaiCalibration {
         camera,
         sse_px2,
         condition: two_stage.condition,
         coplanar: two_stage.coplanar,
+        skew_rad: two_stage.skew_rad,
         sigma,
     })
+}
+
+/// The full optimisation alone, from a camera that is known about: within 20 % in every parameter is near enough.
+///
+/// # Errors
+///
+/// As [`calibrate`] with `full`; [`Degenerate`](Error::Degenerate) also where the start sees no image of a point.
+pub fn refine(world_mm: &[[f64; 3]], pixels: &[[f64; 2]], start: &TsaiCamera) -> Result<TsaiCalibration> {
+    check(world_mm, pixels, &start.sensor)?;
+    if !(start.f_mm.is_finite() && start.f_mm > 0.0) {
+        return Err(Error::invalid("f", format!("{} mm", start.f_mm), "must be positive and finite"));
+    }
+    require_enough(world_mm)?;
+    // Its condition and the shape of the points are worth knowing, whatever the start.
+    let radial = radial_alignment::solve(world_mm, pixels, &start.sensor)?;
+    let start = TwoStage {
+        camera: *start,
+        condition: radial.condition,
+        coplanar: radial.coplanar,
+        skew_rad: radial.skew_rad,
+    };
+    let (camera, sigma) = full::solve(world_mm, pixels, &full::approached(world_mm, pixels, start)?)?;
+    let sse_px2 = sum_of_squares(&camera, world_mm, pixels).ok_or_else(sees_not_all)?;
+    Ok(TsaiCalibration {
+        camera,
+        sse_px2,
+        condition: radial.condition,
+        coplanar: radial.coplanar,
+        skew_rad: radial.skew_rad,
+        sigma: Some(sigma),
+    })
+}
+
+fn require_enough(world_mm: &[[f64; 3]]) -> Result<()> {
+    if world_mm.len() < MIN_POINTS_FULL {
+        return Err(Error::NotEnoughData {
+            what: "points for a full optimisation",
+            actual: world_mm.len(),
+            needed: MIN_POINTS_FULL,
+        });
+    }
+    Ok(())
+}
+
+fn sees_not_all() -> Error {
+    Error::degenerate(
+        METHOD,
+        "the camera found does not see all points: check kappa1 and the order of the points",
+    )
 }
 
 /// The result of both closed-form stages.
@@ -172,6 +221,7 @@ struct TwoStage {
     camera: TsaiCamera,
     condition: f64,
     coplanar: bool,
+    skew_rad: f64,
 }
 
 fn two_stage(world_mm: &[[f64; 3]], pixels: &[[f64; 2]], sensor: &Sensor) -> Result<TwoStage> {
@@ -182,7 +232,7 @@ fn two_stage(world_mm: &[[f64; 3]], pixels: &[[f64; 2]], sensor: &Sensor) -> Res
     let (rotation, translation_mm) = radial.frame.world_pose(&depth.rotation, local_mm);
     let camera_from_world = Pose { rotation, translation_m: translation_mm * M_PER_MM };
     let camera = TsaiCamera { f_mm: depth.f_mm, kappa1: depth.kappa1, sensor, camera_from_world };
-    Ok(TwoStage { camera, condition: radial.condition, coplanar: radial.coplanar })
+    Ok(TwoStage { camera, condition: radial.condition, coplanar: radial.coplanar, skew_rad: radial.skew_rad })
 }
 
 fn check(world_mm: &[[f64; 3]], pixels: &[[f64; 2]], sensor: &Sensor) -> Result<()> {

@@ -1,22 +1,22 @@
 //! A pair of cameras by Tsai's method, from views of a flat board.
 
-use nalgebra::{DMatrix, Matrix3, SMatrix, SVector};
+use nalgebra::{DMatrix, SMatrix, SVector, Vector2};
 
 use super::lens::{TsaiLens, brown_from_tsai};
 use super::{Intrinsics, METHOD, Sensor, TsaiCamera, two_stage};
-use crate::calibration::held_out;
 use crate::calibration::homography::{Pinhole, image_center, pose};
-use crate::calibration::lens::BrownConrady;
-use crate::calibration::solver::Estimate;
-use crate::calibration::{BoardView, BundleOptions, input, rig, start};
-use crate::camera::{CameraModel, Pose, StereoCalibration};
+use crate::calibration::lens::unpack;
+use crate::calibration::solver::{Estimate, Freedom};
+use crate::calibration::{BoardView, BundleOptions, CAMERAS, held_out, input, rig, start};
+use crate::camera::{CameraModel, Lens, Pose, StereoCalibration};
 use crate::error::{Error, Result};
 
 /// Views from which the principal point and sx are solved for too; a single plane does not determine them.
 const MIN_VIEWS_FOR_CENTER: usize = 3;
 
 const K: usize = 5;
-const BROWN: usize = BrownConrady::PARAMETERS;
+/// Parameters of a camera behind a Brown lens.
+const BROWN: usize = 9;
 
 /// Calibrates a pair of cameras from views of a flat board by Tsai's method.
 ///
@@ -45,17 +45,19 @@ fn fit(
     image_size: (usize, usize),
     options: &BundleOptions,
 ) -> Result<StereoCalibration> {
-    let left = Start::of("left", views, |v| &v.left_px, image_size)?;
-    let right = Start::of("right", views, |v| &v.right_px, image_size)?;
+    let (left, right) = (Start::of(0, views, image_size)?, Start::of(1, views, image_size)?);
+    let right_from_left = start::right_from_left(&left.camera_from_board, &right.camera_from_board)?;
+    let poses = [&left.camera_from_board, &right.camera_from_board];
     let estimate = Estimate {
-        right_from_left: start::right_from_left(&left.camera_from_board, &right.camera_from_board)?,
+        left_from_board: start::left_from_board(poses[0], poses[1], &right_from_left),
+        right_from_left,
         intrinsics: [left.intrinsics, right.intrinsics],
-        left_from_board: left.camera_from_board,
+        board_warp_m: Vector2::zeros(),
     };
     let center = views.len() >= MIN_VIEWS_FOR_CENTER;
     let camera = [true, true, center, center, center];
-    let free: Vec<bool> = camera.into_iter().chain(camera).chain([true; 6]).collect();
-    let fit = rig::fit(&SENSOR, &rig::solver_views(views), estimate, &free, options.loss)?;
+    let free: Vec<bool> = camera.into_iter().chain(camera).chain([true; 6]).chain([false; 2]).collect();
+    let fit = rig::fit(&SENSOR, views, estimate, &Freedom::new(&free, &[]), options.loss)?;
     let [left, right] = fit.estimate.intrinsics.map(|intrinsics| Brown::of(&intrinsics, image_size));
     let (left, right) = (left?, right?);
     let covariance = left.covariance_with(&right, &fit.covariance);
@@ -68,24 +70,20 @@ const SENSOR: TsaiLens = TsaiLens { dpx_mm: 1.0, dpy_mm: 1.0 };
 /// Where the joint minimisation starts.
 struct Start {
     intrinsics: Intrinsics,
-    camera_from_board: Vec<Pose>,
+    camera_from_board: Vec<Option<Pose>>,
 }
 
 impl Start {
-    fn of(
-        name: &str,
-        views: &[BoardView],
-        pixels: impl Fn(&BoardView) -> &Vec<[f64; 2]>,
-        image_size: (usize, usize),
-    ) -> Result<Self> {
+    fn of(side: usize, views: &[BoardView], image_size: (usize, usize)) -> Result<Self> {
+        let name = CAMERAS[side];
         let [cx, cy] = image_center(image_size);
         let sensor = Sensor { dpx_mm: SENSOR.dpx_mm, dpy_mm: SENSOR.dpy_mm, cx, cy, sx: 1.0 };
-        let corners = || views.iter().map(|v| (v.board_m.as_slice(), pixels(v).as_slice()));
-        let homographies: Vec<Matrix3<f64>> = start::homographies(name, corners())?;
+        let seen = start::seen_by(side, views);
+        let homographies = start::homographies(name, &seen)?;
         let (mut cameras, mut refusal) = (Vec::new(), None);
-        for (board_m, pixels) in corners() {
-            let world_mm: Vec<[f64; 3]> = board_m.iter().map(|p| p.map(|v| v * 1e3)).collect();
-            match two_stage(&world_mm, pixels, &sensor) {
+        for view in &seen {
+            let world_mm: Vec<[f64; 3]> = view.board_m.iter().map(|p| p.map(|v| v * 1e3)).collect();
+            match two_stage(&world_mm, &view.pixels, &sensor) {
                 Ok(view) => cameras.push(view.camera),
                 Err(error) => refusal = Some(error),
             }
@@ -103,10 +101,14 @@ impl Start {
             ));
         };
         let pinhole = Pinhole { focal_px: [f; 2], center_px: [cx, cy] };
-        let camera_from_board =
-            homographies.iter().map(|h| pose(h, &pinhole)).collect::<Option<Vec<_>>>().ok_or_else(|| {
-                Error::degenerate(METHOD, format!("a view of the {name} camera has no pose"))
+        let mut camera_from_board = vec![None; views.len()];
+        for (view, homography) in seen.iter().zip(&homographies) {
+            let found = pose(homography, &pinhole).ok_or_else(|| {
+                let reason = format!("view {} of the {name} camera has no pose", view.index);
+                Error::degenerate(METHOD, reason)
             })?;
+            camera_from_board[view.index] = Some(found);
+        }
         Ok(Self { intrinsics: SVector::from([f, kappa1, cx, cy, 1.0]), camera_from_board })
     }
 }
@@ -135,7 +137,14 @@ impl Brown {
             };
             by_tsai.set_column(k, &((at(1.0)? - at(-1.0)?) / (2.0 * step)));
         }
-        Ok(Self { camera: BrownConrady::unpack(&parameters, image_size), by_tsai })
+        let blank = CameraModel {
+            focal_px: [1.0; 2],
+            center_px: [0.0; 2],
+            lens: Lens::default(),
+            width: image_size.0,
+            height: image_size.1,
+        };
+        Ok(Self { camera: unpack(&parameters, &blank), by_tsai })
     }
 
     /// Covariance in the order of [`StereoCalibration::parameter_names`] from that of `left, right` in Tsai's model.

@@ -46,6 +46,8 @@ pub(super) struct RadialAlignment {
     /// Condition number of the column-scaled system.
     pub condition: f64,
     pub coplanar: bool,
+    /// How far the rows of R were from orthogonal before they were made so, radians; NaN if coplanar.
+    pub skew_rad: f64,
 }
 
 /// Thickness of a point set relative to its largest extent below which it counts as a plane.
@@ -93,8 +95,17 @@ pub(super) fn solve(world_mm: &[[f64; 3]], pixels: &[[f64; 2]], sensor: &Sensor)
     } else {
         in_space(unknowns, &points, &image)?
     };
-    let sx = sensor.sx * stretch;
-    Ok(RadialAlignment { frame, rotation, tx_mm, ty_mm, sx, condition: *condition, coplanar: shape.coplanar })
+    let skew_rad = if shape.coplanar { f64::NAN } else { skew_rad(unknowns) };
+    Ok(RadialAlignment {
+        frame,
+        rotation,
+        tx_mm,
+        ty_mm,
+        sx: sensor.sx * stretch,
+        condition: *condition,
+        coplanar: shape.coplanar,
+        skew_rad,
+    })
 }
 
 /// Principal directions of a point set.
@@ -285,6 +296,12 @@ fn in_space(
     }
     let rotation = rotation_from_rows(first * (ty / stretch), second * ty)?;
     Ok((rotation, u[3] * ty / stretch, ty, stretch))
+}
+
+/// The angle by which the first two rows of R, found one by one, miss a right one.
+fn skew_rad(u: &DVector<f64>) -> f64 {
+    let (first, second) = (Vector3::new(u[0], u[1], u[2]), Vector3::new(u[4], u[5], u[6]));
+    std::f64::consts::FRAC_PI_2 - first.angle(&second)
 }
 
 fn rotation_from_rows(first: Vector3<f64>, second: Vector3<f64>) -> Result<Matrix3<f64>> {

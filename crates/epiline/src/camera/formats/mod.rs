@@ -332,6 +332,8 @@ fn read(format: Format, sources: &[Source<'_>], options: &ReadOptions) -> Result
         epipolar_error_px: f64::NAN,
         covariance: None,
         views: Vec::new(),
+        outliers: Vec::new(),
+        board_warp: None,
     })
 }
 

@@ -63,8 +63,10 @@ struct CovarianceEntry {
 
 #[derive(Serialize)]
 struct ViewEntry {
-    left_rms_px: f64,
-    right_rms_px: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    left_rms_px: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    right_rms_px: Option<f64>,
     left_from_board: PoseEntry,
 }
 
@@ -122,8 +124,8 @@ impl From<&StereoCalibration> for RigFile {
                 .views
                 .iter()
                 .map(|view| ViewEntry {
-                    left_rms_px: view.left_rms_px,
-                    right_rms_px: view.right_rms_px,
+                    left_rms_px: known(view.left_rms_px),
+                    right_rms_px: known(view.right_rms_px),
                     left_from_board: (&view.left_from_board).into(),
                 })
                 .collect(),
@@ -166,6 +168,8 @@ pub(super) fn read(root: &Entry<'_>, text: &str) -> Result<StereoCalibration> {
             Some(list) => list.list()?.map(|entry| view(&entry)).collect::<Result<_>>()?,
             None => Vec::new(),
         },
+        outliers: Vec::new(),
+        board_warp: None,
     };
     if let Some(entry) = root.optional("covariance")? {
         rig.covariance = Some(covariance(&entry, &rig.parameter_names())?);
@@ -226,8 +230,8 @@ fn covariance(entry: &Entry<'_>, expected: &[String]) -> Result<DMatrix<f64>> {
 
 fn view(entry: &Entry<'_>) -> Result<ViewResidual> {
     Ok(ViewResidual {
-        left_rms_px: entry.get("left_rms_px")?.number()?,
-        right_rms_px: entry.get("right_rms_px")?.number()?,
+        left_rms_px: optional_number(entry, "left_rms_px")?,
+        right_rms_px: optional_number(entry, "right_rms_px")?,
         left_from_board: pose(&entry.get("left_from_board")?)?,
     })
 }
