@@ -207,7 +207,7 @@ def test_optimum_and_covariance_are_scipys(
     )
 
 
-def test_an_outlier_is_forgiven_and_seen(
+def test_outliers_are_left_out_and_named(
     synthetic: tuple[Corners, Corners, np.ndarray, ep.StereoCalibration],
 ) -> None:
     left, right, board, truth = synthetic
@@ -216,11 +216,172 @@ def test_an_outlier_is_forgiven_and_seen(
     clean = ep.calibrate_points(left, right, [board] * 8, SIZE)
     robust = ep.calibrate_points(left, broken, [board] * 8, SIZE)
     squared = ep.calibrate_points(left, broken, [board] * 8, SIZE, loss="squared")
+    assert clean.outliers == squared.outliers == []
+    assert [(o.view, o.side, o.corner) for o in robust.outliers] == [(3, "right", i) for i in (7, 20, 33)]
+    assert all(4.5 < o.residual_px < 5.5 and "times" in o.reason for o in robust.outliers)
+    assert robust.rms_px == pytest.approx(clean.rms_px, rel=0.02)
     shift_robust = abs(robust.baseline_m - clean.baseline_m)
-    assert shift_robust < clean.sigma["translation_x_m"]
-    assert shift_robust < 0.3 * abs(squared.baseline_m - clean.baseline_m)
-    assert max(range(8), key=lambda i: robust.views[i].right_rms_px) == 3
+    assert shift_robust < 0.3 * clean.sigma["translation_x_m"]
+    assert shift_robust < 0.1 * abs(squared.baseline_m - clean.baseline_m)
     assert abs(clean.baseline_m - truth.baseline_m) < 4 * clean.sigma["translation_x_m"]
+    # Corners left out are as if never seen.
+    unseen = [c.copy() for c in right]
+    unseen[3][[7, 20, 33]] = math.nan
+    without = ep.calibrate_points(left, unseen, [board] * 8, SIZE)
+    assert without.baseline_m == pytest.approx(robust.baseline_m, rel=1e-9)
+
+
+def test_partial_and_single_views(synthetic: tuple[Corners, Corners, np.ndarray, ep.StereoCalibration]) -> None:
+    left, right, board, truth = synthetic
+    boards = [board] * 8
+    pairs = ep.calibrate_points(left[:5], right[:5], boards[:5], SIZE, held_out=2)
+    nothing = np.full((54, 2), math.nan)
+    # Two boards that only the left camera saw, one that only the right one saw in part.
+    part = right[7].copy()
+    part[:20] = math.nan
+    lefts, rights = [*left[:5], left[5], left[6], nothing], [*right[:5], nothing, nothing, part]
+    found = ep.calibrate_points(lefts, rights, boards, SIZE, held_out=2)
+    assert [math.isnan(v.right_rms_px) for v in found.views] == [False] * 5 + [True, True, False]
+    assert [math.isnan(v.left_rms_px) for v in found.views] == [False] * 7 + [True]
+    for name in ("left_fx", "left_cx", "right_fx", "right_cx"):
+        assert found.sigma[name] < 0.99 * pairs.sigma[name]
+    assert found.sigma["left_fx"] / pairs.sigma["left_fx"] < found.sigma["right_fx"] / pairs.sigma["right_fx"]
+    assert abs(found.baseline_m - truth.baseline_m) < 4 * found.sigma["translation_x_m"]
+    # Held-out errors are those of the pairs; views of one camera are fitted always.
+    # With fewer than four views a part each view is left out alone.
+    alone = []
+    for out in range(5):
+        fit = [i for i in range(8) if i != out]
+        rest = ep.calibrate_points([lefts[i] for i in fit], [rights[i] for i in fit], [board] * 7, SIZE)
+        alone.append(vertical_px(rest, left[out : out + 1], right[out : out + 1]))
+    assert found.epipolar_error_px == pytest.approx(np.concatenate(alone).mean(), rel=1e-3)
+    with pytest.raises(ValueError, match="both cameras saw"):
+        ep.calibrate_points([*left[:4], *[nothing] * 4], [*[nothing] * 4, *right[4:]], boards, SIZE)
+    with pytest.raises(ValueError, match="NaN in both"):
+        ep.calibrate_points([np.where(np.arange(2) == 0, math.nan, left[0]), *left[1:]], right, boards, SIZE)
+
+
+def seen_through(
+    lens: str, coefficients: list[float], *, noise_px: float
+) -> tuple[Corners, Corners, np.ndarray, float]:
+    """Sixteen views of a large board by two like cameras, projected by OpenCV; and the baseline, metres."""
+    rng = np.random.default_rng(11)
+    board = grid(11, 8, 0.04)
+    matrix = np.array([[330.0, 0, 322.0], [0, 331.0, 238.0], [0, 0, 1]])
+    turn, shift = cv2.Rodrigues(np.array([0.01, -0.02, 0.005]))[0], np.array([-0.12, 0.002, 0.001])
+    seen: tuple[Corners, Corners] = ([], [])
+    while len(seen[0]) < 16:
+        pose = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))[0]
+        points = (board - board.mean(axis=0)) @ pose.T + [*rng.uniform(-0.12, 0.12, 2), rng.uniform(0.3, 0.5)]
+        pixels = []
+        for p in (points, points @ turn.T + shift):
+            project = cv2.fisheye.projectPoints if lens == "fisheye" else cv2.projectPoints
+            at = project(p.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), matrix, np.array(coefficients))[0]
+            pixels.append(at.reshape(-1, 2) + rng.normal(0, noise_px, (len(board), 2)))
+        if all((p > 0).all() and (p < np.array(SIZE) - 1).all() for p in pixels):
+            seen[0].append(pixels[0])
+            seen[1].append(pixels[1])
+    return *seen, board, float(np.linalg.norm(shift))
+
+
+@pytest.mark.parametrize(
+    ("model", "lens", "coefficients"),
+    [
+        ("brown5", "brown-conrady", [-0.3, 0.12, 1e-3, -5e-4, -0.02]),
+        ("rational", "rational", [0.6, 0.1, 1e-3, -5e-4, 0.01, 0.95, 0.3, 0.03]),
+        ("thin-prism", "thin-prism", [0.6, 0.1, 1e-3, -5e-4, 0.01, 0.95, 0.3, 0.03, 4e-3, -2e-3, -3e-3, 1e-3]),
+        ("fisheye", "kannala-brandt", [-0.03, 0.01, -0.005, 0.001]),
+    ],
+)
+def test_every_lens_is_recovered(model: str, lens: str, coefficients: list[float]) -> None:
+    left, right, board, baseline_m = seen_through(model, coefficients, noise_px=0.1)
+    found = ep.calibrate_points(left, right, [board] * 16, SIZE, model=model)  # type: ignore[arg-type]
+    assert found.left.lens == found.right.lens == lens
+    assert len(found.left.distortion) == len(coefficients)
+    parameters = 2 * (4 + len(coefficients)) + 6 + 6 * 16
+    assert found.rms_px == pytest.approx(0.1 * math.sqrt(2 - 2 * parameters / (4 * 88 * 16)), rel=0.03)
+    assert abs(found.baseline_m - baseline_m) < 4 * found.sigma["translation_x_m"]
+    names = [name.removeprefix("left_") for name in found.sigma if name.startswith("left_")][4:]
+    for name, value, truth in zip(names, found.left.distortion, coefficients, strict=True):
+        assert abs(value - truth) < 4.5 * found.sigma[f"left_{name}"], name
+    # A lens that bends less cannot follow.
+    if model != "brown5":
+        assert ep.calibrate_points(left, right, [board] * 16, SIZE, held_out=False).rms_px > 1.02 * found.rms_px
+
+
+def test_the_lens_is_chosen_by_held_out_error() -> None:
+    fisheye = seen_through("fisheye", [-0.05, 0.03, -0.02, 0.004], noise_px=0.02)
+    plain = seen_through("brown", [-0.25, 0.08, 1e-3, 0.0, 0.0], noise_px=0.1)
+    for (left, right, board, _), lenses in ((fisheye, {"kannala-brandt", "rational"}), (plain, {"brown-conrady"})):
+        chosen = ep.calibrate_points(left, right, [board] * 16, SIZE, model="auto")
+        assert chosen.left.lens in lenses
+        simple = ep.calibrate_points(left, right, [board] * 16, SIZE)
+        assert chosen.epipolar_error_px <= 1.0001 * simple.epipolar_error_px
+
+
+def test_parameters_are_held_and_shared(
+    synthetic: tuple[Corners, Corners, np.ndarray, ep.StereoCalibration],
+) -> None:
+    left, right, board, truth = synthetic
+
+    def fit(**options: object) -> ep.StereoCalibration:
+        return ep.calibrate_points(left, right, [board] * 8, SIZE, held_out=False, **options)  # type: ignore[arg-type]
+
+    held = fit(fix=["cx", "right_cy", "lens"])
+    assert held.left.camera_matrix[0, 2] == held.right.camera_matrix[0, 2] == 319.5
+    assert held.right.camera_matrix[1, 2] == 239.5
+    assert held.left.camera_matrix[1, 2] != 239.5
+    assert not held.left.distortion.any()
+    assert held.sigma["left_cx"] == held.sigma["right_cy"] == held.sigma["right_k1"] == 0.0
+    assert held.sigma["left_cy"] > 0
+    shared = fit(share=["fx", "lens"], square_pixels=True)
+    np.testing.assert_array_equal(shared.left.distortion, shared.right.distortion)
+    focal = {shared.left.camera_matrix[i, i] for i in (0, 1)} | {shared.right.camera_matrix[i, i] for i in (0, 1)}
+    assert len(focal) == 1
+    assert shared.sigma["left_fx"] == shared.sigma["right_fy"] > 0
+    # As many constraints cost fit, and certainty grows.
+    free = fit()
+    assert shared.rms_px > free.rms_px
+    assert shared.sigma["left_fx"] < free.sigma["left_fx"]
+    intrinsics = ["fx", "fy", "cx", "cy", "lens"]
+    extrinsic = fit(fix=intrinsics, initial=truth)
+    assert extrinsic.left == truth.left
+    assert extrinsic.right == truth.right
+    assert abs(extrinsic.baseline_m - truth.baseline_m) < 4 * extrinsic.sigma["translation_x_m"]
+    assert extrinsic.sigma["translation_x_m"] < free.sigma["translation_x_m"]
+    again = fit(initial=free)
+    assert again.baseline_m == pytest.approx(free.baseline_m, rel=1e-8)
+    with pytest.raises(ValueError, match="initial calibration"):
+        fit(fix=["fx"])
+    with pytest.raises(ValueError, match="k9"):
+        fit(fix=["k9"])
+    with pytest.raises(ValueError, match="kannala-brandt"):
+        fit(model="fisheye", initial=truth)
+
+
+def test_a_bent_board_is_straightened(
+    synthetic: tuple[Corners, Corners, np.ndarray, ep.StereoCalibration],
+) -> None:
+    *_, board, truth = synthetic
+    rng = np.random.default_rng(2)
+    x, y = ((board[:, i] - board[:, i].mean()) / np.ptp(board[:, i]) * 2 for i in (0, 1))
+    bent = board.copy()
+    bent[:, 2] = 8e-4 * (1 - x**2) - 3e-4 * (1 - y**2)
+    left, right = [], []
+    for _ in range(12):
+        pose = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))[0]
+        points = bent @ pose.T + [-0.08, -0.06, 0.38] + rng.uniform(-0.02, 0.02, 3)
+        left.append(truth.left.project(points) + rng.normal(0, 0.1, (54, 2)))
+        right.append(truth.right.project(points @ truth.rotation.T + truth.translation_m) + rng.normal(0, 0.1, (54, 2)))
+    flat = ep.calibrate_points(left, right, [board] * 12, SIZE)
+    found = ep.calibrate_points(left, right, [board] * 12, SIZE, warp=True)
+    assert flat.board_warp_m is None
+    assert found.board_warp_m is not None
+    assert found.board_warp_sigma_m is not None
+    assert (np.abs(found.board_warp_m - [8e-4, -3e-4]) < 4 * found.board_warp_sigma_m).all()
+    assert (found.board_warp_sigma_m < 1e-4).all()
+    assert found.rms_px < flat.rms_px
+    assert abs(found.baseline_m - truth.baseline_m) < 4 * found.sigma["translation_x_m"]
 
 
 def test_bad_input_is_refused_in_words(
@@ -234,8 +395,15 @@ def test_bad_input_is_refused_in_words(
         ep.calibrate_points(left[:1], right[:1], boards[:1], SIZE)
     with pytest.raises(ValueError, match=r"left_px\[2\]"):
         ep.calibrate_points([*left[:2], np.zeros((54, 3)), *left[3:]], right, boards, SIZE)
-    with pytest.raises(ValueError, match="NaN"):
-        ep.calibrate_points([*left[:2], np.full((54, 2), math.nan), *left[3:]], right, boards, SIZE)
+    with pytest.raises(ValueError, match="inf"):
+        ep.calibrate_points([*left[:2], np.full((54, 2), math.inf), *left[3:]], right, boards, SIZE)
+    unseen = np.full((54, 2), math.nan)
+    with pytest.raises(ValueError, match="corners in one view"):
+        ep.calibrate_points([*left[:2], unseen, *left[3:]], [*right[:2], unseen, *right[3:]], boards, SIZE)
+    with pytest.raises(ValueError, match="held_out = 1"):
+        ep.calibrate_points(left, right, boards, SIZE, held_out=1)
+    with pytest.raises(ValueError, match="model"):
+        ep.calibrate_points(left, right, boards, SIZE, model="brown6")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="method"):
         ep.calibrate_points(left, right, boards, SIZE, method="zhang")  # type: ignore[arg-type]
     with pytest.raises(ep.Error, match="swapped"):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -87,6 +89,53 @@ def test_willson_in_space(data: Path) -> None:
     assert full.f == pytest.approx(69.8750, abs=1e-3)
     assert full.sx == pytest.approx(1.000174, abs=1e-6)
     assert abs(full.f - 70.0) < 2 * full.sigma["f"]
+
+
+@pytest.mark.parametrize(
+    ("name", "sse_px2"), [("cc_cd.dat", 1.2136495), ("ncc_cd.dat", 2.3997505)], ids=["coplanar", "in space"]
+)
+def test_the_full_optimum_from_any_start(data: Path, name: str, sse_px2: float) -> None:
+    world, pixels = willson(data, name)
+    best = tsai.calibrate(world, pixels, sensor=SENSOR)
+    rng = np.random.default_rng(8)
+    names = ["f", "kappa1", "Cx", "Cy", "Tx", "Ty", "Tz", "Rx", "Ry", "Rz", *([] if best.coplanar else ["sx"])]
+    for _ in range(20):
+        moved = {n: getattr(best, n) * rng.uniform(0.8, 1.2) for n in names}
+        found = tsai.calibrate(world, pixels, sensor=SENSOR, start=replace(best, **moved))
+        assert found.sse_px2 <= sse_px2
+    with pytest.raises(ep.Error, match="does not see"):
+        tsai.calibrate(world, pixels, sensor=SENSOR, start=replace(best, Tz=-best.Tz))
+
+
+def test_values_go_to_opencv_and_back() -> None:
+    world, pixels, _ = synthetic()
+    found = tsai.calibrate(world, pixels, sensor=SENSOR)
+    exact = found.camera_model((524, 420), lens="tsai")
+    points = world @ found.R.T + found.T
+    np.testing.assert_allclose(exact.project(points), project(parameters(found), world, 0.023), atol=1e-9)
+    opencv = found.camera_model((524, 420), lens="brown-conrady")
+    assert list(opencv.distortion[2:4]) == [0.0, 0.0]
+    seen = cv2.projectPoints(points, np.zeros(3), np.zeros(3), opencv.camera_matrix, opencv.distortion)[0]
+    np.testing.assert_allclose(seen.reshape(-1, 2), exact.project(points), atol=0.01)
+    f, kappa1, cx, cy, sx = tsai.from_opencv(opencv, sensor=SENSOR)
+    assert (f, cx, cy, sx) == pytest.approx((found.f, found.Cx, found.Cy, found.sx), rel=1e-12)
+    assert kappa1 == pytest.approx(found.kappa1, rel=2e-3)
+    assert found.pixel_size_mm == (0.023, 0.023)
+    with pytest.raises(ValueError, match="p1 = p2 = 0"):
+        tsai.from_opencv(ep.CameraModel(opencv.camera_matrix, [0.1, 0, 1e-3, 0], width=524, height=420), sensor=SENSOR)
+    with pytest.raises(ep.Error, match="kappa1 alone"):
+        tsai.from_opencv(ep.CameraModel(opencv.camera_matrix, [0.5, -0.6, 0, 0], width=524, height=420), sensor=SENSOR)
+
+
+def test_skew_is_that_of_the_picture() -> None:
+    world, pixels, truth = synthetic(0.0, depth_mm=60.0)
+    plain = tsai.calibrate(world, pixels, sensor=tsai.Sensor(576, 576, 0.023, 0.023, 262, 210), full=False)
+    assert plain.skew_rad == pytest.approx(0.0, abs=1e-9)
+    sheared = pixels + np.outer(pixels[:, 1] - truth[3], [0.01, 0.0])
+    tilted = tsai.calibrate(world, sheared, sensor=tsai.Sensor(576, 576, 0.023, 0.023, 262, 210), full=False)
+    assert abs(tilted.skew_rad) == pytest.approx(0.01, rel=0.05)
+    flat_world, flat, _ = synthetic()
+    assert math.isnan(tsai.calibrate(flat_world, flat, sensor=SENSOR).skew_rad)
 
 
 @pytest.mark.parametrize("depth_mm", [0.0, 60.0], ids=["coplanar", "in space"])

@@ -322,7 +322,10 @@ fn bad_input_is_refused_in_words() {
         }
     };
     says(changed(&millimetres), "millimetres");
-    let options = BundleOptions { loss: Loss::Huber { sigmas: f64::NAN }, ..BundleOptions::default() };
+    let options = BundleOptions {
+        loss: Loss::Huber { sigmas: f64::NAN, outlier_sigmas: 4.5 },
+        ..BundleOptions::default()
+    };
     says(calibrate(&views, SIZE, &options).expect_err("NaN").to_string(), "sigmas");
 }
 

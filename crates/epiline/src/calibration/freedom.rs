@@ -1,7 +1,7 @@
 //! From the names of held and shared parameters to the solver's slots.
 
 use super::options::{BundleOptions, LensModel};
-use super::solver::Freedom;
+use super::solver::{Freedom, representatives};
 use crate::camera::{CameraModel, StereoCalibration};
 use crate::error::{Error, Result};
 
@@ -77,13 +77,18 @@ impl Plan {
         self.free[camera * self.intrinsics] || self.free[camera * self.intrinsics + 1]
     }
 
-    /// Gives tied parameters one value: the mean of a pair's.
+    /// Gives tied parameters one value: the mean of all that are tied together.
     pub fn unite(&self, intrinsics: [&mut [f64]; 2]) {
         let k = self.intrinsics;
-        for &(a, b) in &self.ties {
-            let mean = 0.5 * (intrinsics[a / k][a % k] + intrinsics[b / k][b % k]);
-            intrinsics[a / k][a % k] = mean;
-            intrinsics[b / k][b % k] = mean;
+        let first = representatives(2 * k, &self.ties);
+        let values: Vec<f64> = intrinsics.iter().flat_map(|camera| camera.iter().copied()).collect();
+        for (camera, own) in intrinsics.into_iter().enumerate() {
+            for (i, value) in own.iter_mut().enumerate() {
+                let group = first[camera * k + i];
+                let tied = first.iter().zip(&values).filter(|(f, _)| **f == group).map(|(_, v)| *v);
+                let (sum, count) = tied.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
+                *value = sum / count;
+            }
         }
     }
 }

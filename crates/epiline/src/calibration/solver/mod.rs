@@ -90,11 +90,7 @@ impl Freedom {
 
     /// `ties` are pairs of parameters with one value; both must start from it.
     pub fn new(free: &[bool], ties: &[(usize, usize)]) -> Self {
-        let mut first: Vec<usize> = (0..free.len()).collect();
-        for &(a, b) in ties {
-            let (low, high) = (first[a].min(first[b]), first[a].max(first[b]));
-            first.iter_mut().filter(|f| **f == high).for_each(|f| *f = low);
-        }
+        let first = representatives(free.len(), ties);
         let (mut slots, mut count) = (vec![None; free.len()], 0);
         for i in 0..free.len() {
             if first[i] < i {
@@ -106,6 +102,16 @@ impl Freedom {
         }
         Self { slots, count }
     }
+}
+
+/// For each parameter the first of those that are tied to it, over any number of ties; itself if none is.
+pub(super) fn representatives(count: usize, ties: &[(usize, usize)]) -> Vec<usize> {
+    let mut first: Vec<usize> = (0..count).collect();
+    for &(a, b) in ties {
+        let (low, high) = (first[a].min(first[b]), first[a].max(first[b]));
+        first.iter_mut().filter(|f| **f == high).for_each(|f| *f = low);
+    }
+    first
 }
 
 /// The problem: what was seen, through which lens, and which shared parameters are free.
