@@ -85,6 +85,7 @@ struct Case {
 }
 
 /// The kernels of a level, or the reference, which takes any number of lanes.
+#[expect(clippy::large_enum_variant, reason = "few exist")]
 #[derive(Clone, Copy)]
 enum Variant {
     Level(Kernels),

@@ -13,6 +13,8 @@
 //!    where it exceeds 255, which `B(d)` does not.
 //! 6. The right image's best sums are collected in registers that shift a lane per column, as in [`sad`](super::super::sad).
 
+#![expect(clippy::needless_range_loop, reason = "4. above")]
+
 use super::features::Channel;
 use super::{CostRow, ExcessRow, HorizontalRow, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow, WindowRow};
 use crate::kernels::sad::Choice;
