@@ -206,8 +206,8 @@ def charuco(data: Path) -> None:
         found = ep.calibrate(views, model=model)
         print(
             f"ChArUco, {model:10} ({found.left.lens}): rms {found.rms_px:.4f} px, "
-            f"baseline {1e3 * found.baseline_m:.3f} ± {1e3 * found.sigma['translation_x_m']:.3f} mm, held-out {found.epipolar_error_px:.4f} px, "
-            f"{len(found.outliers)} corners left out"
+            f"baseline {1e3 * found.baseline_m:.3f} ± {1e3 * found.sigma['translation_x_m']:.3f} mm, "
+            f"held-out {found.epipolar_error_px:.4f} px, {len(found.outliers)} corners left out"
         )
 
 
