@@ -244,10 +244,9 @@ class Twin:
         for side in (self.left, self.right):
             moved = [c + rng.normal(0, 0.15, c.shape) for c in side]
             wild = [rng.random(len(c)) < wild_share for c in moved]
-            if known:
-                seen.append([np.where(w[:, None], np.nan, c) for w, c in zip(wild, moved, strict=True)])
-                continue
             kicks = [w[:, None] * rng.uniform(-5, 5, c.shape) for w, c in zip(wild, moved, strict=True)]
+            if known:
+                kicks = [np.where(w[:, None], np.nan, k) for w, k in zip(wild, kicks, strict=True)]
             seen.append([np.clip(c + k, 0, [639, 479]) for c, k in zip(moved, kicks, strict=True)])
         return Rig(*seen, self.rig.board, self.rig.size)
 

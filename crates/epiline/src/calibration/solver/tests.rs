@@ -90,6 +90,57 @@ fn gradient_matches_central_differences_of_the_cost() {
 }
 
 #[test]
+fn normal_equations_are_the_slopes_of_the_gradient_where_nothing_is_left() {
+    // Without residuals Gauss and Newton's matrix is the second derivative of the cost.
+    let (lens, board, at) = (BrownCamera::NEW, board(), estimate());
+    let shape = BoardShape::of(board.iter());
+    let predicted = |camera, view| -> Vec<[f64; 2]> {
+        let pose = at.camera_from_board(camera, view);
+        let see = |p: &[f64; 3]| {
+            let lifted = shape.lifted(p, &at.board_warp_m);
+            lens.project(&at.intrinsics[camera], &pose.apply(lifted)).expect("in view").pixel.into()
+        };
+        board.iter().map(see).collect()
+    };
+    let seen: Vec<_> = (0..3).map(|v| [0, 1].map(|c| predicted(c, v))).collect();
+    let views: Vec<_> =
+        seen.iter().map(|[l, r]| View { board_m: &board, pixels: [l.as_slice(), r] }).collect();
+    let freedom = Freedom::new(&[true; SHARED], &[(0, 1), (4, K + 4)]);
+    let bundle = Bundle::new(&lens, &views, &freedom);
+    let system = bundle.assemble(&at, Huber::SQUARED).expect("all in view");
+    for (i, slot) in freedom.slots.iter().enumerate() {
+        let slot = slot.expect("everything is free");
+        let h = if i < 2 * K && i % K < 4 { 1e-4 } else { 1e-7 };
+        let moved = |amount: f64| {
+            let mut step = Step {
+                shared: DVector::zeros(freedom.count),
+                poses: vec![Vector6::zeros(); 3],
+                predicted_reduction: 0.0,
+            };
+            step.shared[slot] = amount;
+            bundle.assemble(&bundle.moved(&at, &step), Huber::SQUARED).expect("all in view")
+        };
+        let (ahead, behind) = (moved(h), moved(-h));
+        let close = |analytic: f64, numeric: f64, other: f64, what: String| {
+            // A covariance may be next to nothing beside the two variances.
+            let scale = (system.shared[(slot, slot)] * other).sqrt();
+            assert!((analytic - numeric).abs() < 1e-4 * scale, "{what}: {analytic} {numeric}");
+        };
+        for row in 0..freedom.count {
+            let numeric = (ahead.gradient[row] - behind.gradient[row]) / (2.0 * h);
+            let other = system.shared[(row, row)];
+            close(system.shared[(row, slot)], numeric, other, format!("shared {row} by {i}"));
+        }
+        for (v, block) in system.blocks.iter().enumerate() {
+            for k in 0..6 {
+                let numeric = (ahead.blocks[v].gradient[k] - behind.blocks[v].gradient[k]) / (2.0 * h);
+                close(block.coupling[(k, slot)], numeric, block.pose[(k, k)], format!("pose {v} {k} by {i}"));
+            }
+        }
+    }
+}
+
+#[test]
 fn elimination_solves_the_whole_system() {
     let (lens, board) = (BrownCamera::NEW, board());
     let seen: Vec<_> = (0..3).map(|v| [0, 1].map(|c| pixels(&lens, &board, c, v))).collect();
