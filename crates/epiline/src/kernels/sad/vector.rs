@@ -34,29 +34,12 @@
 // Iterator adaptors and closures do not inherit the instruction set of the function they are inlined into; loops do.
 #![expect(clippy::needless_range_loop)]
 
-use super::{AddRow, Choice, Cost, RowPair, RowShape, SadRow};
-
-/// Pixels at a time of what is decided for many at once, a batch after their costs are computed.
-const BATCH: usize = 16;
+use super::picked::{BATCH, Picked, as_choices, put};
+use super::ring::Ring;
+use super::{AddRow, Cost, RowPair, RowShape, SadRow};
 
 /// How far the left–right test may reach without the ring.
 const NEAR: usize = 1;
-
-/// Cells after the even and after the odd lanes of a pixel in the ring, half of the lanes that [`SadRow::nearby`] may
-/// reach beyond the first or last: they stay blocked.
-fn guard(shape: &RowShape) -> usize {
-    (shape.left_right_reach.unwrap_or(0) / 2 + 2).next_multiple_of(32)
-}
-
-/// Pixels in the ring: two batches and, to each side of what is still to be read, the reach. A power of two.
-fn ring_len(shape: &RowShape) -> usize {
-    (2 * BATCH + 3 * shape.left_right_reach.unwrap_or(0)).next_power_of_two()
-}
-
-/// Cells of scratch memory: the ring with a guard before, between and after its pixels' even and odd lanes.
-pub fn scratch_len(shape: &RowShape) -> usize {
-    guard(shape) + ring_len(shape) * (shape.lanes + 2 * guard(shape))
-}
 
 /// A vector of `u16` of one instruction set.
 ///
@@ -241,102 +224,6 @@ unsafe fn finish<V: SplitLanes, const LEFT_RIGHT: bool>(
         }
         put(&as_choices(choices), row.chosen.get_unchecked_mut(batch));
     }
-}
-
-/// Numbers assembled by [`choose`] as what they stand for.
-#[inline(always)]
-fn as_choices(mut choices: [u64; BATCH]) -> [Choice<u16>; BATCH] {
-    for i in 0..BATCH {
-        choices[i] = choices[i].to_le();
-    }
-    // SAFETY: a choice is four 16-bit numbers in the layout of C, the first in the lowest bits.
-    unsafe { std::mem::transmute(choices) }
-}
-
-/// Copies a batch that may be cut short.
-#[inline(always)]
-fn put<T: Copy>(batch: &[T; BATCH], to: &mut [T]) {
-    if let Ok(to) = <&mut [T; BATCH]>::try_from(&mut *to) {
-        *to = *batch;
-    } else {
-        to.copy_from_slice(&batch[..to.len()]);
-    }
-}
-
-/// Where the best costs of two batches are, and the costs around them; what belongs to column `x` lies at `x` modulo
-/// their length.
-struct Picked {
-    /// Half of the best lane, rounded down.
-    at: [u16; 2 * BATCH],
-    /// What [`SplitLanes::pick`] gives for it.
-    costs: [u64; 2 * BATCH],
-    /// The same lanes of column `x - 1`, where the right pixels opposite `x` have larger disparities.
-    larger: [u64; 2 * BATCH],
-    /// The same lanes of column `x + 1`, where they have smaller ones.
-    smaller: [u64; 2 * BATCH],
-}
-
-impl Default for Picked {
-    fn default() -> Self {
-        let none = [u64::MAX; 2 * BATCH];
-        Self { at: [0; 2 * BATCH], costs: none, larger: none, smaller: none }
-    }
-}
-
-/// The costs of a batch from those of two.
-#[inline(always)]
-fn batch_of<T: Copy>(both: &[T; 2 * BATCH], first: usize) -> &[T; BATCH] {
-    &both.as_chunks().0[first / BATCH % 2]
-}
-
-impl Picked {
-    /// Decides between the even and the odd lane; see [`choose`].
-    #[inline(always)]
-    fn choose(&self, lanes: usize, first: usize) -> [u64; BATCH] {
-        let (at, costs) = (batch_of(&self.at, first), batch_of(&self.costs, first));
-        let mut choices = [0; BATCH];
-        for i in 0..BATCH {
-            choices[i] = choose(costs[i], at[i], lanes);
-        }
-        choices
-    }
-
-    /// See [`SadRow::nearby`].
-    #[inline(always)]
-    fn nearby(&self, lanes: usize, first: usize, reach: usize, choices: &[u64; BATCH]) -> [u16; BATCH] {
-        let (larger, smaller) = (batch_of(&self.larger, first), batch_of(&self.smaller, first));
-        // Nothing is near at a reach of 0.
-        let none = if reach == 0 { BLOCKED } else { 0 };
-        let mut nearby = [0; BATCH];
-        for i in 0..BATCH {
-            let (best, lane) = (choices[i] >> 16 & BLOCKED, choices[i] >> 48);
-            let shift = 16 * (lane & 1);
-            // One lane up in the column before, one down in the column after.
-            let up = larger[i] >> (32 + shift) & BLOCKED;
-            let down = smaller[i] >> shift & BLOCKED;
-            let up = if lane + 1 == lanes as u64 { BLOCKED } else { up | none };
-            let down = if lane == 0 { BLOCKED } else { down | none };
-            let other = if up < down { up } else { down };
-            nearby[i] = if other < best { other } else { best } as u16;
-        }
-        nearby
-    }
-}
-
-/// A blocked cost among others.
-const BLOCKED: u64 = u16::BLOCKED as u64;
-
-/// The [`Choice`] among lanes `2 * at` and `2 * at + 1`, given their costs and those beside them; lowest bits first.
-#[inline(always)]
-fn choose(costs: u64, at: u16, lanes: usize) -> u64 {
-    let (even, odd) = (costs >> 16 & BLOCKED, costs >> 32 & BLOCKED);
-    // Of equal costs, the first lane's.
-    let is_odd = u64::from(odd < even);
-    let lane = 2 * u64::from(at) + is_odd;
-    let around = costs >> (16 * is_odd) & 0x0000_FFFF_FFFF_FFFF;
-    let before = if lane == 0 { BLOCKED } else { 0 };
-    let after = if lane + 1 == lanes as u64 { BLOCKED << 32 } else { 0 };
-    around | before | after | lane << 48
 }
 
 /// The rows that enter and leave the window.
@@ -595,128 +482,6 @@ unsafe fn shift_down<V: Lanes, const P: usize>(column: &mut Column<V, P>) {
             let next = if p + 1 < P { column[p + 1][0] } else { V::splat(u16::BLOCKED) };
             let [even, odd] = column[p];
             column[p] = [odd, even.shift_down(next)];
-        }
-    }
-}
-
-/// The costs of the last few pixels: of each, first the even lanes, then the odd ones, each followed by a guard.
-struct Ring {
-    /// Lane 0 of the first pixel.
-    start: *mut u16,
-    /// Cells from an even lane to the odd one after it.
-    half: usize,
-    /// Cells from pixel to pixel.
-    stride: usize,
-    /// Pixels less one.
-    mask: usize,
-}
-
-impl Ring {
-    fn new(scratch: &mut [u16], shape: &RowShape) -> Self {
-        let half = shape.lanes / 2 + guard(shape);
-        let start = scratch[guard(shape)..].as_mut_ptr();
-        Self { start, half, stride: 2 * half, mask: ring_len(shape) - 1 }
-    }
-
-    /// Lane 0 of column `x`, or of column `x - 2⁶⁴` left of the image.
-    ///
-    /// # Safety
-    /// The scratch memory is still borrowed.
-    #[inline(always)]
-    unsafe fn column(&self, x: usize) -> *mut u16 {
-        // SAFETY: `scratch_len` has room for `mask + 1` pixels of `stride` cells.
-        unsafe { self.start.add((x & self.mask) * self.stride) }
-    }
-
-    /// A lane of a [`column`](Self::column), or a guard.
-    ///
-    /// # Safety
-    /// As [`column`](Self::column); the lane is no further outside than twice the guard.
-    #[inline(always)]
-    unsafe fn cell(&self, column: *mut u16, lane: isize) -> *mut u16 {
-        // SAFETY: `>>` rounds down, `&` gives the remainder, of negative numbers too.
-        unsafe { column.add((lane & 1) as usize * self.half).offset(lane >> 1) }
-    }
-
-    /// # Safety
-    /// As [`column`](Self::column), and the processor has the instructions of `V`; the lanes are those of the ring.
-    #[inline(always)]
-    unsafe fn store<V: Lanes, const P: usize>(&self, cells: *mut u16, costs: &Column<V, P>) {
-        // SAFETY: a pixel has room for `P` vectors twice.
-        unsafe {
-            for p in 0..P {
-                costs[p][0].store(cells.add(p * V::COUNT));
-                costs[p][1].store(cells.add(self.half + p * V::COUNT));
-            }
-        }
-    }
-
-    /// A column outside the image: no lane is a candidate.
-    ///
-    /// # Safety
-    /// As [`store`](Self::store).
-    #[inline(always)]
-    unsafe fn block<V: Lanes, const P: usize>(&self, x: usize) {
-        // SAFETY: the caller's.
-        unsafe { self.store(self.column(x), &[[V::splat(u16::BLOCKED); 2]; P]) }
-    }
-
-    /// What [`SplitLanes::pick`] would have given for some columns, and if `neighbours`, for those beside them.
-    ///
-    /// # Safety
-    /// The ring holds these columns, and their neighbours if asked for.
-    #[inline(always)]
-    unsafe fn pick(&self, picked: &mut Picked, columns: std::ops::Range<usize>, neighbours: bool) {
-        // SAFETY: what is read lies at most a lane beside a column's, which the guards have room for.
-        unsafe {
-            for x in columns {
-                let slot = x % (2 * BATCH);
-                let at = usize::from(picked.at[slot]);
-                picked.costs[slot] = self.four(x, at);
-                if neighbours {
-                    picked.larger[slot] = self.four(x.wrapping_sub(1), at);
-                    picked.smaller[slot] = self.four(x + 1, at);
-                }
-            }
-        }
-    }
-
-    /// Lanes `2 * at - 1` to `2 * at + 2` of a column.
-    ///
-    /// # Safety
-    /// As [`column`](Self::column), and `at` is a pair of lanes.
-    #[inline(always)]
-    unsafe fn four(&self, x: usize, at: usize) -> u64 {
-        // SAFETY: the caller's; a guard follows the even and the odd lanes.
-        unsafe {
-            let even = self.column(x).add(at);
-            let (odds, evens) = (even.add(self.half).sub(1).cast::<[u16; 2]>(), even.cast::<[u16; 2]>());
-            let ([before, odd], [even, after]) = (*odds, *evens);
-            u64::from(before) | u64::from(even) << 16 | u64::from(odd) << 32 | u64::from(after) << 48
-        }
-    }
-
-    /// [`SadRow::nearby`] of some columns.
-    ///
-    /// # Safety
-    /// `row.check` passed, the columns are chosen, and the ring holds those within the reach.
-    #[inline(always)]
-    unsafe fn find_nearby(&self, row: &mut SadRow<'_, u16>, columns: std::ops::Range<usize>) {
-        let reach = row.shape.left_right_reach.unwrap_or(0) as isize;
-        // SAFETY: columns are below the width, lanes below `lanes`; what is read lies at most `reach` beside them, which
-        // the guards have room for.
-        unsafe {
-            for x in columns {
-                let Choice { best, lane, .. } = *row.chosen.get_unchecked(x);
-                let lane = lane as isize;
-                let mut nearby = best;
-                for j in 1..=reach {
-                    let larger = *self.cell(self.column(x.wrapping_add_signed(j)), lane - j);
-                    let smaller = *self.cell(self.column(x.wrapping_add_signed(-j)), lane + j);
-                    nearby = nearby.min(larger).min(smaller);
-                }
-                *row.nearby.get_unchecked_mut(x) = nearby;
-            }
         }
     }
 }
