@@ -199,7 +199,7 @@ def test_mis_found_grids_of_the_stereopi_set_are_named_and_left_out(data: Path) 
     assert set(left_out) == {"right_13.png", "right_14.png", "right_15.png"}
     assert all("the grid is not regular" in reason for reason in left_out.values())
     # With the grid of pair 15 as first found, 0.437 px.
-    assert ep.calibrate(views).rms_px <= 0.19
+    assert ep.calibrate(views).rms_px < 0.195
 
 
 def test_no_board_raises_the_reason() -> None:

@@ -77,6 +77,7 @@ struct Case {
 
 /// The kernels of a level, or the reference, which takes any number of lanes.
 #[derive(Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "few exist")]
 enum Variant {
     Level(Kernels),
     Reference,
