@@ -12,13 +12,15 @@ thread; "cost / area" is what is to be small. Every answer is compared with the 
 from __future__ import annotations
 
 import argparse
+import os
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sad_vs_opencv import photographs
 
 import epiline as ep
+from epiline.benchmarking.pairs import pair_from
 
 HEIGHTS = (20, 30, 40, 50)
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -31,7 +33,14 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "texture_threshold": 10,
         "left_right_max_diff": 1,
     },
-    "fast (speckle)": {"preset": "fast", "num_disparities": 48},
+    "sad w11, speckle": {
+        "num_disparities": 48,
+        "block_size": 11,
+        "uniqueness_ratio": 5,
+        "texture_threshold": 10,
+        "left_right_max_diff": 1,
+        "speckle_size": 200,
+    },
 }
 
 
@@ -60,8 +69,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Cost of matching regions")
     parser.add_argument("--repeat", type=int, default=40)
     repeat = parser.parse_args().repeat
-    left, right, name = photographs(320, 240)
-    print(f"{name}, 320x240, {ep.simd_level()}, one thread, {repeat} repetitions")
+    data = os.environ.get("EPILINE_DATA")
+    pair = pair_from(Path(data) if data else None).resized(320, 240)
+    left, right = pair.left, pair.right
+    print(f"{pair.name}, 320x240, {ep.simd_level()}, one thread, {repeat} repetitions")
     print(f"{'setting':<16} {'regions':<14} {'area':>6} {'cost':>6} {'cost / area':>12}  answers")
     sets = {"bands stacked": ep.paper_regions(320, 240), "bands apart": apart(), "two boxes": boxes()}
     for setting, given in SETTINGS.items():
