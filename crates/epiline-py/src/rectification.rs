@@ -234,7 +234,7 @@ impl PyRectifiedPair {
 /// Aligns the images of a calibrated rig; its maps are computed once.
 ///
 /// Both cameras turn by half of the rotation between them and then together until the baseline is horizontal. Both
-/// aligned images share focal length (that of the cameras: nothing is zoomed) and principal point, placed so that
+/// aligned images share focal length (by default that of the cameras) and principal point, placed so that
 /// the middle of the output shows the middle of what both cameras see at infinity. Pixels are bilinear combinations
 /// of four (eq. 4 of the 2011 paper), at source positions rounded to 1/256 px; a pixel with no source is 0 and
 /// marked in the masks.

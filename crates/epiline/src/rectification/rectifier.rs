@@ -39,8 +39,8 @@ pub struct RectifierOptions {
 ///
 /// - **Rotation**: each camera turns by half of the rotation between them, then both turn together until the
 ///   baseline is horizontal ([`AlignedFrame`]).
-/// - **Focal length** and **principal row**: one for both. The focal length is that of the cameras: nothing is
-///   zoomed to squeeze in the far corners of a distorted image, nor to hide the border.
+/// - **Focal length** and **principal row**: one for both. Unless the view is chosen, the focal length is
+///   that of the cameras: nothing is zoomed to squeeze in the far corners of a distorted image, nor to hide the border.
 /// - **Principal point**: one for both, so that disparity 0 is infinity, placed so that the middle of the output
 ///   shows the middle of what both cameras see at infinity.
 /// - **Border**: output pixels with no source are 0 in the image and 0 in the valid mask; nothing is filled in.

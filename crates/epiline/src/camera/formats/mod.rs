@@ -44,8 +44,7 @@ pub enum Format {
     BoofCv,
     /// Middlebury's `calib.txt` of an aligned pair.
     Middlebury,
-    /// KITTI's calibration of its aligned colour cameras, 2 and 3, or of the only pair in the file. Written as
-    /// [`KittiGrey`](Self::KittiGrey).
+    /// KITTI's calibration of its aligned colour cameras, 2 and 3, or of Karlsruhe's only pair. Written as [`KittiGrey`](Self::KittiGrey).
     Kitti,
     /// The same of the grey cameras, 0 and 1.
     KittiGrey,
