@@ -1,5 +1,7 @@
 //! Every kernel of box sums at every instruction level against the reference, bit for bit, outputs between guard cells.
 
+mod guarded;
+
 use epiline::kernels::sad::Choice;
 use epiline::kernels::semi_global::features::{CENSUS_BYTES, Channel, PixelRow};
 use epiline::kernels::windowed::{
@@ -8,35 +10,7 @@ use epiline::kernels::windowed::{
 use epiline::kernels::{Kernels, Level};
 use proptest::prelude::*;
 
-/// Cells on either side of an output that no kernel may touch.
-const GUARD: usize = 70;
-
-/// A slice between guard cells.
-struct Guarded<T> {
-    cells: Vec<T>,
-    canary: T,
-}
-
-impl<T: Copy + PartialEq + std::fmt::Debug> Guarded<T> {
-    fn of(content: &[T], canary: T) -> Self {
-        let mut cells = vec![canary; content.len() + 2 * GUARD];
-        cells[GUARD..GUARD + content.len()].copy_from_slice(content);
-        Self { cells, canary }
-    }
-
-    fn inside(&mut self) -> &mut [T] {
-        let end = self.cells.len() - GUARD;
-        &mut self.cells[GUARD..end]
-    }
-
-    /// The content, after a look at the guards.
-    fn checked(&self, name: &str) -> Vec<T> {
-        let end = self.cells.len() - GUARD;
-        let guards = self.cells[..GUARD].iter().chain(&self.cells[end..]);
-        assert!(guards.into_iter().all(|&cell| cell == self.canary), "{name}: a guard cell was written");
-        self.cells[GUARD..end].to_vec()
-    }
-}
+use guarded::Guarded;
 
 /// Repeatable numbers.
 struct Noise(u64);

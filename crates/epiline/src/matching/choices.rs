@@ -9,22 +9,22 @@ use crate::kernels::{CostKernels, Kernels};
 
 /// What a kernel tells about the best candidates of a row: see [`SadRow`](crate::kernels::sad::SadRow).
 #[derive(Debug, Default)]
-pub(super) struct Choices {
-    pub chosen: Vec<Choice<u16>>,
+pub(super) struct Choices<C> {
+    pub chosen: Vec<Choice<C>>,
     pub rivals: Vec<u16>,
-    pub nearby: Vec<u16>,
-    pub right_best: Vec<u16>,
+    pub nearby: Vec<C>,
+    pub right_best: Vec<C>,
     lanes: usize,
 }
 
-impl Choices {
+impl<C: CostKernels> Choices<C> {
     /// For rows of `width` pixels with so many lanes.
     pub fn resize(&mut self, width: usize, lanes: usize) {
         self.lanes = lanes;
         self.chosen.resize(width, Choice::NONE);
         self.rivals.resize(width, 0);
-        self.nearby.resize(width, 0);
-        self.right_best.resize(width + lanes - 1, 0);
+        self.nearby.resize(width, C::BLOCKED);
+        self.right_best.resize(width + lanes - 1, C::BLOCKED);
     }
 
     /// Disparities and the tests decided by costs. `left_valid` is the row's part of the mask.
@@ -47,7 +47,7 @@ impl Choices {
             values,
             bits,
         };
-        u16::select(kernels, row);
+        C::select(kernels, row);
         let SelectRow { bits, .. } = row;
         // Here no disparity asked for lies inside the right image, whatever has a source.
         let width = bits.len();

@@ -7,15 +7,15 @@
 use std::ops::Range;
 
 use super::aligned::AlignedVec;
+use super::blocked::BlockedPixels;
+use super::choices::Choices;
 use super::coarse::CoarseCosts;
-use super::left_right;
 use super::map::Validity;
 use super::params::MatcherParams;
 use super::prepared::PreparedPair;
 use super::texture::TextureSums;
 use crate::image::ImageRef;
-use crate::kernels::sad::{AddRow, Choice, RowShape, SadRow};
-use crate::kernels::select::SelectRow;
+use crate::kernels::sad::{AddRow, RowShape, SadRow};
 use crate::kernels::{CostKernels, Kernels};
 
 /// What every stripe of a frame reads.
@@ -57,13 +57,8 @@ pub(super) struct Stripe<C> {
     column_sums: AlignedVec<C>,
     coarse: AlignedVec<u16>,
     scratch: AlignedVec<C>,
-    blocked_left: AlignedVec<u8>,
-    blocked_right: AlignedVec<u8>,
-    blocked_lanes: AlignedVec<u8>,
-    chosen: Vec<Choice<C>>,
-    rivals: Vec<u16>,
-    nearby: Vec<C>,
-    right_best: Vec<C>,
+    blocked: BlockedPixels,
+    choices: Choices<C>,
     texture: TextureSums,
 }
 
@@ -86,19 +81,11 @@ impl<C: CostKernels> Stripe<C> {
     /// Sizes the buffers and fills the window with the rows above the first.
     fn prepare(&mut self, frame: &Frame<'_>, shape: &RowShape, first_row: usize) {
         let RowShape { width, lanes, radius, .. } = *shape;
-        let padded = width + lanes - 1;
         self.column_sums.reset(width * lanes, C::ZERO);
         self.coarse.reset(if frame.coarse.is_some() { width.div_ceil(2) * lanes } else { 0 }, 0);
         self.scratch.reset(C::scratch_len(frame.kernels, shape), C::BLOCKED);
-        self.blocked_left.reset(width, 0);
-        self.blocked_right.reset(padded, 0);
-        self.blocked_right[..(frame.params.min_disparity + lanes - 1).min(padded)].fill(u8::MAX);
-        self.blocked_lanes.reset(lanes, 0);
-        self.blocked_lanes[..lanes - frame.params.num_disparities].fill(u8::MAX);
-        self.chosen.resize(width, Choice::NONE);
-        self.rivals.resize(width, 0);
-        self.nearby.resize(width, C::BLOCKED);
-        self.right_best.resize(padded, C::BLOCKED);
+        self.blocked.reset(width, lanes, frame.params);
+        self.choices.resize(width, lanes);
         self.texture.reset(width, radius);
 
         let (first_row, radius) = (first_row as isize, radius as isize);
@@ -124,70 +111,32 @@ impl<C: CostKernels> Stripe<C> {
         let Frame { kernels, params, pair, .. } = *frame;
         let (entering_y, leaving_y) =
             (y as isize + shape.radius as isize, y as isize - shape.radius as isize - 1);
-        let first_disparity = params.min_disparity + shape.lanes - 1;
-        if let Some(valid) = frame.left_valid {
-            block(&mut self.blocked_left, valid.row(y));
-        }
-        if let Some(valid) = frame.right_valid
-            && let Some(inside) = self.blocked_right.get_mut(first_disparity..)
-        {
-            block(inside, valid.row(y));
-        }
+        self.blocked.read([frame.left_valid, frame.right_valid], y);
         C::sad(
             kernels,
             &mut SadRow {
                 shape,
                 entering: pair.row(entering_y),
                 leaving: pair.row(leaving_y),
-                blocked_left: &self.blocked_left,
-                blocked_right: &self.blocked_right,
-                blocked_lanes: &self.blocked_lanes,
+                blocked_left: &self.blocked.left,
+                blocked_right: &self.blocked.right,
+                blocked_lanes: &self.blocked.lanes,
                 coarse: &self.coarse,
                 column_sums: &mut self.column_sums,
                 scratch: &mut self.scratch,
-                chosen: &mut self.chosen,
-                rivals: &mut self.rivals,
-                nearby: &mut self.nearby,
-                right_best: &mut self.right_best,
+                chosen: &mut self.choices.chosen,
+                rivals: &mut self.choices.rivals,
+                nearby: &mut self.choices.nearby,
+                right_best: &mut self.choices.right_best,
             },
         );
-        C::select(
-            kernels,
-            &mut SelectRow {
-                chosen: &self.chosen,
-                rivals: &self.rivals,
-                first_disparity: first_disparity as u16,
-                subpixel: params.subpixel,
-                uniqueness_ratio: shape.uniqueness_ratio,
-                no_candidate: Validity::NO_SOURCE,
-                not_unique: Validity::NOT_UNIQUE,
-                values,
-                bits,
-            },
-        );
-        // Here no disparity asked for lies inside the right image, whatever has a source.
-        bits[..params.min_disparity.min(shape.width)].fill(Validity::BORDER);
-        if let Some(valid) = frame.left_valid {
-            let sourceless = bits.iter_mut().zip(valid.row(y)).filter(|&(_, &valid)| valid == 0);
-            sourceless.for_each(|(bits, _)| *bits |= Validity::NO_SOURCE);
-        }
-        let except = Validity::NO_CANDIDATE;
-        if shape.left_right_reach.is_some() {
-            let bit = Validity::LEFT_RIGHT;
-            left_right::mark(&self.chosen, &self.nearby, &self.right_best, bit, except, bits);
-        }
+        self.choices.select(kernels, params, frame.left_valid.map(|valid| valid.row(y)), values, bits);
         if params.texture_threshold > 0 {
             let (level, threshold) = (params.prefilter_cap, params.texture_threshold);
             self.texture.enter(pair.texture_row(entering_y), level);
             self.texture.leave(pair.texture_row(leaving_y), level);
-            self.texture.mark(kernels, threshold, Validity::LOW_TEXTURE, except, bits);
+            let (bit, except) = (Validity::LOW_TEXTURE, Validity::NO_CANDIDATE);
+            self.texture.mark(kernels, threshold, bit, except, bits);
         }
-    }
-}
-
-/// Pixels without source become blocked.
-fn block(blocked: &mut [u8], valid: &[u8]) {
-    for (blocked, &valid) in blocked.iter_mut().zip(valid) {
-        *blocked = if valid == 0 { u8::MAX } else { 0 };
     }
 }

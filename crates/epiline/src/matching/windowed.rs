@@ -79,7 +79,7 @@ pub(super) struct WindowStripe {
     next_boxes: usize,
     costs: AlignedVec<u16>,
     blocked: BlockedPixels,
-    choices: Choices,
+    choices: Choices<u16>,
 }
 
 impl WindowStripe {

@@ -214,7 +214,7 @@ pub(super) struct PathRows {
     from_left: AlignedVec<u8>,
     from_right: AlignedVec<u8>,
     sums: AlignedVec<u16>,
-    choices: Choices,
+    choices: Choices<u16>,
 }
 
 impl PathRows {
