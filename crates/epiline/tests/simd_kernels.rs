@@ -3,6 +3,8 @@
 //! Widths cover every tail, lanes every number of vectors there is an instance for, pixels the extremes that make sums
 //! as large as they get. Outputs lie between guard cells.
 
+mod guarded;
+
 use epiline::kernels::islands::BreaksRow;
 use epiline::kernels::sad::{AddRow, Choice, Cost, RowPair, RowShape, SadRow};
 use epiline::kernels::select::SelectRow;
@@ -11,36 +13,7 @@ use epiline::kernels::xsobel::XSobelRow;
 use epiline::kernels::{CostKernels, Kernels, Level};
 use proptest::prelude::*;
 
-/// Cells on either side of an output that no kernel may touch.
-const GUARD: usize = 70;
-
-/// A slice between guard cells.
-#[derive(Debug)]
-struct Guarded<T> {
-    cells: Vec<T>,
-    canary: T,
-}
-
-impl<T: Copy + PartialEq + std::fmt::Debug> Guarded<T> {
-    fn new(len: usize, value: T, canary: T) -> Self {
-        let mut cells = vec![canary; len + 2 * GUARD];
-        cells[GUARD..GUARD + len].fill(value);
-        Self { cells, canary }
-    }
-
-    fn inside(&mut self) -> &mut [T] {
-        let end = self.cells.len() - GUARD;
-        &mut self.cells[GUARD..end]
-    }
-
-    /// The content, after a look at the guards.
-    fn checked(&self, name: &str) -> &[T] {
-        let end = self.cells.len() - GUARD;
-        let guards = self.cells[..GUARD].iter().chain(&self.cells[end..]);
-        assert!(guards.into_iter().all(|&cell| cell == self.canary), "{name}: a guard cell was written");
-        &self.cells[GUARD..end]
-    }
-}
+use guarded::Guarded;
 
 fn levels_above_scalar() -> impl Iterator<Item = Kernels> {
     Level::available().filter(|&level| level != Level::SCALAR).map(Kernels::new)
@@ -128,12 +101,12 @@ fn run<C: CostKernels>(case: &Case, lanes: usize, kernels: &Kernels) -> Outcome<
     };
 
     let none = Choice { before: C::ZERO, best: C::ZERO, after: C::ZERO, lane: C::BLOCKED };
-    let mut column_sums = Guarded::new(width * lanes, C::ZERO, C::BLOCKED);
-    let mut scratch = Guarded::new(C::scratch_len(kernels, &shape), C::BLOCKED, C::ZERO);
-    let mut chosen = Guarded::new(width, none, none);
-    let mut rivals = Guarded::new(width, 0, 0xA5A5);
-    let mut nearby = Guarded::new(width, C::ZERO, C::BLOCKED);
-    let mut right_best = Guarded::new(padded, C::ZERO, C::BLOCKED);
+    let mut column_sums = Guarded::of(&vec![C::ZERO; width * lanes], C::BLOCKED);
+    let mut scratch = Guarded::of(&vec![C::BLOCKED; C::scratch_len(kernels, &shape)], C::ZERO);
+    let mut chosen = Guarded::of(&vec![none; width], none);
+    let mut rivals = Guarded::of(&vec![0; width], 0xA5A5);
+    let mut nearby = Guarded::of(&vec![C::ZERO; width], C::BLOCKED);
+    let mut right_best = Guarded::of(&vec![C::ZERO; padded], C::BLOCKED);
     for y in 0..window {
         C::add(kernels, &mut AddRow { lanes, row: pair(y), column_sums: column_sums.inside() });
     }
@@ -158,10 +131,10 @@ fn run<C: CostKernels>(case: &Case, lanes: usize, kernels: &Kernels) -> Outcome<
     scratch.checked("scratch");
     column_sums.checked("column_sums");
     Outcome {
-        chosen: chosen.checked("chosen").to_vec(),
-        rivals: rivals.checked("rivals").to_vec(),
-        nearby: nearby.checked("nearby").to_vec(),
-        right_best: right_best.checked("right_best").to_vec(),
+        chosen: chosen.checked("chosen"),
+        rivals: rivals.checked("rivals"),
+        nearby: nearby.checked("nearby"),
+        right_best: right_best.checked("right_best"),
     }
 }
 
@@ -306,8 +279,8 @@ fn check_select<C: CostKernels>(width: usize, largest: u32, seed: u64, ratio: u3
     let rivals: Vec<u16> = (0..width).map(|_| u16::from(noise.next() % 5)).collect();
     for subpixel in [true, false] {
         for kernels in Level::available().map(Kernels::new) {
-            let mut values = Guarded::new(width, 7, 0xA5A5);
-            let mut bits = Guarded::new(width, 7, 0xA5);
+            let mut values = Guarded::of(&vec![7; width], 0xA5A5);
+            let mut bits = Guarded::of(&vec![7; width], 0xA5);
             C::select(
                 &kernels,
                 &mut SelectRow {
@@ -352,9 +325,9 @@ proptest! {
         let columns: Vec<u16> = (0..width).map(|_| u16::from(noise.next()) * 7).collect();
         let before = noise.pixels(width, 3, Content::Noise);
         for kernels in Level::available().map(Kernels::new) {
-            let mut padded = Guarded::new(width + 2 * radius, 9, 0xA5A5);
+            let mut padded = Guarded::of(&vec![9; width + 2 * radius], 0xA5A5);
             padded.inside()[radius..radius + width].copy_from_slice(&columns);
-            let mut bits = Guarded::new(width, 0, 0xA5);
+            let mut bits = Guarded::of(&vec![0; width], 0xA5);
             bits.inside().copy_from_slice(&before);
             let (columns_out, row) = (padded.inside(), bits.inside());
             kernels.texture(&mut TextureRow {
@@ -382,7 +355,7 @@ proptest! {
         let values: Vec<u16> = (0..width).map(|_| u16::from(noise.next()) / 3).collect();
         let bits: Vec<u8> = (0..width).map(|_| [0, 0, 0, 128, 4, 132][usize::from(noise.next()) % 6]).collect();
         for kernels in Level::available().map(Kernels::new) {
-            let mut breaks = Guarded::new(width, 7, 0xA5);
+            let mut breaks = Guarded::of(&vec![7; width], 0xA5);
             kernels.breaks(&mut BreaksRow {
                 values: &values,
                 bits: &bits,
@@ -405,7 +378,7 @@ proptest! {
         let content = if extreme { Content::Extreme } else { Content::Noise };
         let [above, middle, below] = [(); 3].map(|()| noise.pixels(width, 255, content));
         for kernels in Level::available().map(Kernels::new) {
-            let mut filtered = Guarded::new(width, 0, 0xA5);
+            let mut filtered = Guarded::of(&vec![0; width], 0xA5);
             kernels.xsobel(&mut XSobelRow {
                 above: &above,
                 middle: &middle,
