@@ -263,6 +263,7 @@ def test_one_matcher_serves_two_threads() -> None:
         ({"method": "magic"}, r"method = 'magic': must be 'sad'"),
         ({"uniqueness_ratio": 101}, r"uniqueness_ratio = 101 %: must be 0 to 100"),
         ({"threads": 0}, r"threads = 0: must be at least 1"),
+        ({"subpixel": "spline"}, r"subpixel = 'spline': must be True, False, 'v' or 'parabola'"),
     ],
 )
 def test_parameters_outside_their_range_are_named(parameters: dict[str, Any], message: str) -> None:
@@ -279,6 +280,33 @@ def test_images_that_do_not_fit_are_named() -> None:
         matcher(left[:, :60], right[:, :60])
     with pytest.raises(ValueError, match=r"left: expected a uint8 array"):
         matcher(left.astype(np.float32), right)  # type: ignore[arg-type]
+
+
+def costs_of_whole_windows(left: NDArray[np.uint8], right: NDArray[np.uint8], count: int, side: int) -> NDArray[Any]:
+    """(count, H, W) sums of absolute differences; meaningless where the window leaves either image."""
+    from scipy.ndimage import uniform_filter
+
+    shifted = [np.abs(left.astype(float) - np.roll(right, d, axis=1)) for d in range(count)]
+    return np.rint(np.stack([uniform_filter(costs, side) * side**2 for costs in shifted])).astype(np.int64)
+
+
+@pytest.mark.parametrize("fit", [True, "v", "parabola", False])
+def test_sub_pixel_fits_are_those_of_their_formulas(fit: Any) -> None:
+    left, right = textured_pair(160, 90)
+    count, side = 32, 9
+    settings = {"num_disparities": count, "block_size": side, "prefilter": "none", "subpixel": fit}
+    actual = ep.match(left, right, **settings).values  # type: ignore[arg-type]
+    costs = costs_of_whole_windows(left, right, count, side)
+    whole = count - 1 - np.argmin(costs[::-1], axis=0)
+    at = lambda d: np.take_along_axis(costs, np.clip(d, 0, count - 1)[None], axis=0)[0]  # noqa: E731
+    smaller, best, larger = at(whole - 1), at(whole), at(whole + 1)
+    curvature = (smaller + larger if fit == "parabola" else np.maximum(smaller, larger) + best) - 2 * best
+    inner = (whole > 0) & (whole < count - 1) & (curvature > 0)
+    offset = np.where(inner, (smaller - larger) / np.maximum(2 * curvature, 1), 0) if fit else np.zeros(whole.shape)
+    inside = np.s_[side:-side, count + side : -side]
+    # Rounded up to a sixteenth, of a 256th that is rounded toward the whole.
+    assert np.abs(actual - (whole + offset))[inside].max() <= 17 / 256
+    assert np.unique(actual[inside] % 1).size > 4 or not fit
 
 
 def test_parameters_are_reported_and_make_the_same_matcher() -> None:

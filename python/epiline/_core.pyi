@@ -406,7 +406,7 @@ class StereoMatcher:
         left_right_max_diff: int | None = None,
         speckle_size: int = 0,
         speckle_range: int = 2,
-        subpixel: bool = True,
+        subpixel: bool | Literal["v", "parabola"] = True,
         coarse_weight: int = 0,
         fill: bool = False,
         smooth: bool = False,

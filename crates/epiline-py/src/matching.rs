@@ -4,7 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 use epiline::image::Image;
 use epiline::matching::{
-    DisparityMap, MatchRegion, MatcherParams, Method, Prefilter, Preset, StereoMatcher, Validity,
+    DisparityMap, MatchRegion, MatcherParams, Method, Prefilter, Preset, StereoMatcher, Subpixel, Validity,
 };
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -201,7 +201,7 @@ fn set(params: &mut MatcherParams, name: &str, value: &Bound<'_, PyAny>) -> PyRe
         "left_right_max_diff" => params.left_right_max_diff = optional("left_right_max_diff", value)?,
         "speckle_size" => params.speckle_size = count("speckle_size", value)?,
         "speckle_range" => params.speckle_range = count("speckle_range", value)?,
-        "subpixel" => params.subpixel = value.extract()?,
+        "subpixel" => params.subpixel = subpixel_named(value)?,
         "coarse_weight" => params.coarse_weight = count("coarse_weight", value)?,
         "fill" => params.fill = value.extract()?,
         "smooth" => params.smooth = value.extract()?,
@@ -215,6 +215,21 @@ fn set(params: &mut MatcherParams, name: &str, value: &Bound<'_, PyAny>) -> PyRe
         }
     }
     Ok(())
+}
+
+/// True is the default fit, False none; the fits have names, too.
+fn subpixel_named(value: &Bound<'_, PyAny>) -> PyResult<Subpixel> {
+    if let Ok(is_on) = value.extract::<bool>() {
+        return Ok(if is_on { Subpixel::default() } else { Subpixel::Off });
+    }
+    match value.extract::<String>().as_deref() {
+        Ok("v") => Ok(Subpixel::VFit),
+        Ok("parabola") => Ok(Subpixel::Parabola),
+        _ => {
+            let message = format!("subpixel = {}: must be True, False, 'v' or 'parabola'", value.repr()?);
+            Err(PyValueError::new_err(message))
+        }
+    }
 }
 
 /// Boxes to match from a sequence of `Region` and of (x, y, width, height).
@@ -300,8 +315,9 @@ fn prefilter_named(name: Option<&str>) -> PyResult<Prefilter> {
 ///     Reject islands of at most this many pixels; 0 is off.
 /// speckle_range : int
 ///     Neighbours within this many px hang together.
-/// subpixel : bool
-///     Refine to 1/16 px.
+/// subpixel : bool or {"v", "parabola"}
+///     Refine to 1/16 px from the costs of both neighbours: by two lines of equal and opposite slope ("v", the
+///     equiangular fit, which True means too) or by a parabola.
 /// coarse_weight : int
 ///     sad: add semi-global costs from half the resolution with this weight, 0 (off) to 25 percent; they guide windows
 ///     with little texture of their own. Try 4.
@@ -364,7 +380,11 @@ pub fn parameters_dict<'py>(py: Python<'py>, params: &MatcherParams) -> PyResult
     dict.set_item("left_right_max_diff", params.left_right_max_diff)?;
     dict.set_item("speckle_size", params.speckle_size)?;
     dict.set_item("speckle_range", params.speckle_range)?;
-    dict.set_item("subpixel", params.subpixel)?;
+    match params.subpixel {
+        Subpixel::Off => dict.set_item("subpixel", false)?,
+        Subpixel::VFit => dict.set_item("subpixel", true)?,
+        Subpixel::Parabola => dict.set_item("subpixel", "parabola")?,
+    }
     dict.set_item("coarse_weight", params.coarse_weight)?;
     dict.set_item("fill", params.fill)?;
     dict.set_item("smooth", params.smooth)?;

@@ -3,7 +3,7 @@
 use epiline::image::{Image, ImageRef};
 use epiline::kernels::Level;
 use epiline::matching::{
-    DisparityMap, MatcherParams, Method, Prefilter, StereoMatcher, Validity, brute_force,
+    DisparityMap, MatcherParams, Method, Prefilter, StereoMatcher, Subpixel, Validity, brute_force,
 };
 use proptest::prelude::*;
 
@@ -92,7 +92,7 @@ fn params() -> impl Strategy<Value = MatcherParams> {
         prop::sample::select(vec![0_u32, 40, 900]),
         prop::sample::select(vec![None, Some(0_u16), Some(1), Some(2), Some(40)]),
         prop::sample::select(vec![0_usize, 1, 12]),
-        prop::bool::ANY,
+        prop::sample::select(vec![Subpixel::Off, Subpixel::VFit, Subpixel::Parabola]),
     );
     (cost, range, tests).prop_map(
         |((method, radius, raw, cap), (num, min), (unique, texture, left_right, speckle, subpixel))| {
@@ -304,7 +304,7 @@ fn the_largest_settings_find_a_known_shift() {
             prefilter,
             uniqueness_ratio: 10,
             left_right_max_diff: Some(1),
-            subpixel: false,
+            subpixel: Subpixel::Off,
             threads: Some(2),
             ..MatcherParams::default()
         };

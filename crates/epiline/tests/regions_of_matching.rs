@@ -3,7 +3,7 @@
 use epiline::image::{Image, ImageRef};
 use epiline::kernels::Level;
 use epiline::matching::{
-    DisparityMap, MatchRegion, MatcherParams, Method, Prefilter, StereoMatcher, Validity,
+    DisparityMap, MatchRegion, MatcherParams, Method, Prefilter, StereoMatcher, Subpixel, Validity,
 };
 use proptest::prelude::*;
 
@@ -96,7 +96,7 @@ fn params() -> impl Strategy<Value = MatcherParams> {
         prop::sample::select(vec![0_u32, 300]),
         prop::sample::select(vec![None, Some(0_u16), Some(1)]),
         prop::sample::select(vec![0_usize, 4, 25]),
-        prop::bool::ANY,
+        prop::sample::select(vec![Subpixel::Off, Subpixel::VFit, Subpixel::Parabola]),
     );
     (cost, tests).prop_map(
         |((method, radius, raw, num, min), (unique, texture, left_right, speckle, subpixel))| MatcherParams {

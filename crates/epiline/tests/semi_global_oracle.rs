@@ -5,7 +5,7 @@ mod oracle;
 
 use epiline::image::Image;
 use epiline::kernels::Level;
-use epiline::matching::{DisparityMap, MatcherParams, Method, Prefilter, StereoMatcher, Validity};
+use epiline::matching::{DisparityMap, MatcherParams, Method, Prefilter, StereoMatcher, Subpixel, Validity};
 use oracle::{Oracle, Scene, scene};
 use proptest::prelude::*;
 
@@ -38,10 +38,13 @@ fn map_of(oracle: &Oracle<'_>) -> DisparityMap {
             Some((best, std::cmp::Reverse(d))) => {
                 let mut value_256 = 256 * d as i32;
                 if let (Some(smaller), Some(larger)) = (sum(x, y, d - 1), sum(x, y, d + 1))
-                    && params.subpixel
+                    && smaller.max(larger) > best
                 {
-                    let steepest = 2 * (smaller.max(larger) - best);
-                    value_256 += if steepest > 0 { 256 * (smaller - larger) / steepest } else { 0 };
+                    value_256 += match params.subpixel {
+                        Subpixel::Off => 0,
+                        Subpixel::VFit => 256 * (smaller - larger) / (2 * (smaller.max(larger) - best)),
+                        Subpixel::Parabola => 256 * (smaller - larger) / (2 * (smaller + larger - 2 * best)),
+                    };
                 }
                 let limit = best + best * i32::from(params.uniqueness_ratio) / 100;
                 let rival = |e: isize| (e - d).abs() > 1 && sum(x, y, e).is_some_and(|sum| sum <= limit);
@@ -98,12 +101,13 @@ proptest! {
         paths in 3_usize..=4,
         (p1, p2) in prop::sample::select(vec![(0, 0), (5, 40), (48, 127), (127, 127)]),
         levels in prop::sample::select(vec![2_u8, 4, 18]),
+        subpixel in prop::sample::select(vec![Subpixel::Off, Subpixel::VFit, Subpixel::Parabola]),
         masked in any::<bool>(),
         seed in any::<u64>(),
     ) {
         let scene = scene(width, height, levels, masked, seed);
         let params = MatcherParams {
-            min_disparity, num_disparities, block_size, paths, p1, p2,
+            min_disparity, num_disparities, block_size, paths, p1, p2, subpixel,
             prefilter: if seed % 5 == 0 { Prefilter::None } else { Prefilter::XSobel },
             prefilter_cap: if seed % 3 == 0 { 63 } else { 15 },
             uniqueness_ratio: (seed % 4 * 8) as u8,

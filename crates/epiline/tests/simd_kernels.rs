@@ -7,7 +7,7 @@ mod guarded;
 
 use epiline::kernels::islands::BreaksRow;
 use epiline::kernels::sad::{AddRow, Choice, Cost, RowPair, RowShape, SadRow};
-use epiline::kernels::select::SelectRow;
+use epiline::kernels::select::{SelectRow, Subpixel};
 use epiline::kernels::texture::TextureRow;
 use epiline::kernels::xsobel::XSobelRow;
 use epiline::kernels::{CostKernels, Kernels, Level};
@@ -256,15 +256,17 @@ fn choices<C: Cost>(
 }
 
 /// Sub-pixel position and verdict by the definition, in exact arithmetic.
-fn expected_choice<C: Cost>(choice: Choice<C>, rivals: u16, subpixel: bool, ratio: u32) -> (u16, u8) {
+fn expected_choice<C: Cost>(choice: Choice<C>, rivals: u16, subpixel: Subpixel, ratio: u32) -> (u16, u8) {
     let [before, best, after] =
         [choice.before, choice.best, choice.after].map(|c| (c != C::BLOCKED).then(|| i64::from(c.to_u32())));
     let Some(best) = best else { return (0, 2) };
     let whole = (1000 - i64::from(choice.lane.to_u32())) * 256;
     let offset = match (before, after) {
-        (Some(before), Some(after)) if subpixel && before.max(after) > best => {
-            (after - before) * 256 / (2 * (before.max(after) - best))
-        }
+        (Some(before), Some(after)) if before.max(after) > best => match subpixel {
+            Subpixel::Off => 0,
+            Subpixel::VFit => (after - before) * 256 / (2 * (before.max(after) - best)),
+            Subpixel::Parabola => (after - before) * 256 / (2 * (before + after - 2 * best)),
+        },
         _ => 0,
     };
     let limit = best + best * i64::from(ratio) / 100;
@@ -277,7 +279,7 @@ fn check_select<C: CostKernels>(width: usize, largest: u32, seed: u64, ratio: u3
     let mut noise = Noise(seed | 1);
     let chosen = choices(width, largest, &mut noise, from);
     let rivals: Vec<u16> = (0..width).map(|_| u16::from(noise.next() % 5)).collect();
-    for subpixel in [true, false] {
+    for subpixel in [Subpixel::Off, Subpixel::VFit, Subpixel::Parabola] {
         for kernels in Level::available().map(Kernels::new) {
             let mut values = Guarded::of(&vec![7; width], 0xA5A5);
             let mut bits = Guarded::of(&vec![7; width], 0xA5);

@@ -76,6 +76,9 @@ def add_matcher_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--window", type=whole(1), metavar="N", help="side of the window, odd, px")
     group.add_argument("--prefilter", choices=("xsobel", "none"), help="before comparing")
+    group.add_argument(
+        "--subpixel", choices=("v", "parabola", "off"), help="the fit that refines beyond whole pixels (default v)"
+    )
     group.add_argument("--fill", action="store_true", help="answer every pixel: rejected ones take the background's")
     group.add_argument(
         "--no-tests", action="store_true", help="keep every pixel: no uniqueness, texture, left-right, speckle test"
@@ -93,7 +96,8 @@ _NO_TESTS: dict[str, Any] = {
 
 def matcher_from(args: argparse.Namespace, width: int) -> StereoMatcher:
     """The matcher that the options describe, for images of this width."""
-    given = {"block_size": args.window, "prefilter": args.prefilter}
+    subpixel = False if args.subpixel == "off" else args.subpixel
+    given = {"block_size": args.window, "prefilter": args.prefilter, "subpixel": subpixel}
     return StereoMatcher(
         **({"method": args.method} if args.method else {"preset": args.preset or "fast"}),
         num_disparities=args.disparities or default_disparities(width),

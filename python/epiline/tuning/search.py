@@ -22,6 +22,7 @@ _SAD: dict[str, tuple[Any, ...]] = {
     "uniqueness_ratio": (0, 5, 10, 15, 20),
     "texture_threshold": (0, 10, 200, 500),
     "speckle_size": (0, 100, 200, 400),
+    "subpixel": (True, "parabola"),
 }
 _SGM: dict[str, tuple[Any, ...]] = {
     "block_size": (1, 3, 5),
@@ -29,6 +30,7 @@ _SGM: dict[str, tuple[Any, ...]] = {
     "uniqueness_ratio": (0, 5, 10, 15),
     "texture_threshold": (0, 10, 50),
     "speckle_size": (0, 100, 200, 400),
+    "subpixel": (True, "parabola"),
 }
 # Percentage points: less is noise of the scenes, and the preset's value is the better guess for others.
 _WORTH_A_CHANGE = 0.05
@@ -152,7 +154,9 @@ class Tuner:
     def _step(self, found: Search, parameter: str, values: tuple[Any, ...]) -> Step:
         now = found.best
         current = now.parameters[parameter]
-        tried = [(v, self.trial({**now.parameters, parameter: v})) for v in sorted({*values, current})]
+        # Words come after numbers, with which they do not compare.
+        ordered = sorted({*values, current}, key=lambda value: (isinstance(value, str), value))
+        tried = [(v, self.trial({**now.parameters, parameter: v})) for v in ordered]
         value, best = min(tried, key=lambda entry: self._rank(entry[1]))
         gain = now.cost - best.cost
         rescued = self._in_time(best) and not self._in_time(now)

@@ -4,6 +4,21 @@ use super::portable;
 use super::sad::reference::rival_limit;
 use super::sad::{Choice, Cost};
 
+/// How a disparity is refined beyond whole pixels: by a curve through the best cost and those of both neighbours.
+///
+/// With `c`, the smallest, at the best disparity `d` and `a`, `b` at `d - 1`, `d + 1`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Subpixel {
+    /// Whole pixels.
+    Off,
+    /// Two lines of equal and opposite slope, `d + (a - b) / 2(max(a, b) - c)`: the equiangular fit (Shimizu and Okutomi,
+    /// ICCV 2001), unbiased for sums of absolute differences, and OpenCV's.
+    #[default]
+    VFit,
+    /// A parabola, `d + (a - b) / 2(a + b - 2c)`: unbiased for sums of squared differences.
+    Parabola,
+}
+
 /// One row of costs and what becomes of it.
 #[derive(Debug)]
 pub struct SelectRow<'a, C> {
@@ -13,8 +28,8 @@ pub struct SelectRow<'a, C> {
     pub rivals: &'a [u16],
     /// Disparity of lane 0, px.
     pub first_disparity: u16,
-    /// Whether to refine beyond whole pixels.
-    pub subpixel: bool,
+    /// How to refine beyond whole pixels.
+    pub subpixel: Subpixel,
     /// Percent; 0 is off.
     pub uniqueness_ratio: u32,
     /// The bit for columns without any candidate.
@@ -37,24 +52,27 @@ impl<C> SelectRow<'_, C> {
 
 /// Costs from which a sub-pixel position follows without a rounding error.
 trait Vertex: Cost {
-    /// The vertex of two lines of equal and opposite slope through three costs, in 1/256 px toward the lane before.
-    ///
-    /// `(after - before) / (2 (max(before, after) - best))`, between -1/2 and 1/2, rounded toward zero as OpenCV does.
-    fn vertex(before: i32, best: i32, after: i32) -> i32;
+    /// `128 difference / curvature`, between -128 and 128, rounded toward zero as OpenCV does: the vertex in 1/256 px
+    /// toward the lane before. `difference` is that of the neighbours' costs, after less before, and `curvature` at least
+    /// as large and not 0.
+    fn vertex(difference: i32, curvature: i32) -> i32;
 }
 
-/// Twice the steeper of both slopes. It is 0 only if both neighbours tie with the best; the numerator is then 0 too.
+/// What the neighbours' difference is divided by: how much the larger of their costs exceeds the best, or both together.
+/// It is 0 only if both tie with the best; their difference is then 0 too.
 #[inline(always)]
-fn steepest(before: i32, best: i32, after: i32) -> i32 {
-    (2 * (before.max(after) - best)).max(1)
+fn curvature(parabola: bool, before: i32, best: i32, after: i32) -> i32 {
+    let steeper = before.max(after) - best;
+    let other = if parabola { before.min(after) - best } else { 0 };
+    (steeper + other).max(1)
 }
 
 impl Vertex for u16 {
     /// Single precision is exact: the numerator is below 2²⁴, and a quotient that is not whole is at least
     /// `1/(2·65 535)` from the next whole number while the rounding error of one below 128 is at most `2⁻¹⁸`.
     #[inline(always)]
-    fn vertex(before: i32, best: i32, after: i32) -> i32 {
-        let quotient = ((after - before) * 256) as f32 / steepest(before, best, after) as f32;
+    fn vertex(difference: i32, curvature: i32) -> i32 {
+        let quotient = (difference * 128) as f32 / curvature as f32;
         // SAFETY: finite, and at most 128 in size. (A checked conversion is not vectorised.)
         unsafe { quotient.to_int_unchecked() }
     }
@@ -63,8 +81,8 @@ impl Vertex for u16 {
 impl Vertex for u32 {
     /// There are no costs above `255·31²`.
     #[inline(always)]
-    fn vertex(before: i32, best: i32, after: i32) -> i32 {
-        let quotient = f64::from((after - before) * 256) / f64::from(steepest(before, best, after));
+    fn vertex(difference: i32, curvature: i32) -> i32 {
+        let quotient = f64::from(difference * 128) / f64::from(curvature);
         // SAFETY: finite, and at most 128 in size.
         unsafe { quotient.to_int_unchecked() }
     }
@@ -98,7 +116,7 @@ fn select_row<C: Vertex>(row: &mut SelectRow<'_, C>) {
 /// What does not change along a row.
 struct Rule {
     first_disparity_256: i32,
-    subpixel: bool,
+    subpixel: Subpixel,
     uniqueness_ratio: u32,
     no_candidate: u8,
     not_unique: u8,
@@ -139,12 +157,14 @@ impl Rule {
             // Lanes run downward in disparity.
             whole_256[i] = self.first_disparity_256 - signed(choice.lane) * 256;
         }
+        let (refine, parabola) = (self.subpixel != Subpixel::Off, self.subpixel == Subpixel::Parabola);
         for i in 0..CHUNK {
-            let refined = self.subpixel & (before[i] != blocked) & (after[i] != blocked);
+            let refined = refine & (before[i] != blocked) & (after[i] != blocked);
             // A blocked neighbour stands in as a tie, so that the arithmetic is harmless.
             let before = if refined { before[i] } else { best[i] };
             let after = if refined { after[i] } else { best[i] };
-            let disparity_256 = whole_256[i] + C::vertex(before, best[i], after);
+            let vertex = C::vertex(after - before, curvature(parabola, before, best[i], after));
+            let disparity_256 = whole_256[i] + vertex;
             values[i] = if best[i] == blocked { 0 } else { ((disparity_256 + 15) >> 4) as u16 };
             bits[i] = if best[i] == blocked { self.no_candidate } else { 0 };
         }

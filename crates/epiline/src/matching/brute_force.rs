@@ -8,6 +8,7 @@ use super::matcher::require_sizes;
 use super::params::{MatcherParams, Method, Prefilter};
 use crate::error::{Error, Result};
 use crate::image::{Image, ImageRef};
+use crate::kernels::select::Subpixel;
 
 /// What [`StereoMatcher::compute_masked`](super::StereoMatcher::compute_masked) must compute without coarse costs.
 pub fn compute_masked(
@@ -226,10 +227,14 @@ impl Costs<'_> {
         let beside = |d: Option<usize>| d.and_then(|d| self.cost(x, y, d));
         let (smaller, larger) = (beside(d.checked_sub(1)), beside(Some(d + 1)));
         let mut value_256 = 256 * d as i64;
-        if let (true, Some(smaller), Some(larger)) = (params.subpixel, smaller, larger)
+        if let (Some(smaller), Some(larger)) = (smaller, larger)
             && smaller.max(larger) > best
         {
-            value_256 += (smaller - larger) * 256 / (2 * (smaller.max(larger) - best));
+            value_256 += match params.subpixel {
+                Subpixel::Off => 0,
+                Subpixel::VFit => (smaller - larger) * 256 / (2 * (smaller.max(larger) - best)),
+                Subpixel::Parabola => (smaller - larger) * 256 / (2 * (smaller + larger - 2 * best)),
+            };
         }
         let mut bits = 0;
         if params.uniqueness_ratio > 0 {

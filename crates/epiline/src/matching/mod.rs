@@ -38,3 +38,5 @@ pub use matcher::StereoMatcher;
 pub use params::{MatcherParams, Method, Prefilter};
 pub use presets::Preset;
 pub use regions::MatchRegion;
+
+pub use crate::kernels::select::Subpixel;

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::kernels::sad::fits_u16;
+use crate::kernels::select::Subpixel;
 use crate::kernels::semi_global::{LARGEST_PENALTY, MAX_BLOCK_SIZE};
 
 /// How pixels are matched.
@@ -84,8 +85,9 @@ pub struct MatcherParams {
     pub speckle_size: usize,
     /// Neighbours belong to one island if their disparities differ by no more than this, px.
     pub speckle_range: u16,
-    /// Refine to 1/16 px from the costs of both neighbours.
-    pub subpixel: bool,
+    /// Refine to 1/16 px from the costs of both neighbours, by which fit. [`Subpixel::VFit`] is the better one for every
+    /// method (`docs/methods.md`).
+    pub subpixel: Subpixel,
     /// [`Method::Sad`]: weight of semi-global costs from half the resolution, which are added to the window's and guide
     /// it where it has little texture of its own; 0 (off) to 25 % of their sums per pixel of the window. They need
     /// `width·height·num_disparities / 8` bytes. Try 4.
@@ -124,7 +126,7 @@ impl Default for MatcherParams {
             left_right_max_diff: None,
             speckle_size: 0,
             speckle_range: 2,
-            subpixel: true,
+            subpixel: Subpixel::VFit,
             coarse_weight: 0,
             fill: false,
             smooth: false,
