@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import epiline as ep
-from epiline._core import read_kitti_projection
+from epiline.cli.arguments import load_rig
 
 
 def rotation(vector: list[float]) -> np.ndarray:
@@ -203,20 +203,19 @@ P2_roi: 6.452401e+02 0 6.359587e+02 -3.682632e+02 0 6.452401e+02 1.941291e+02 0 
 """
 
 
+def aligned_geometry(path: Path) -> ep.RectifiedGeometry:
+    geometry = load_rig(path)
+    assert isinstance(geometry, ep.RectifiedGeometry)
+    return geometry
+
+
 def test_the_karlsruhe_projection(tmp_path: Path) -> None:
     path = tmp_path / "calib.txt"
     path.write_text(KARLSRUHE)
-    found = read_kitti_projection(path)
-    assert found["baseline_m"] == pytest.approx(368.2632 / 645.2401)
-    del found["baseline_m"]
-    assert found == {
-        "width": 1344,
-        "height": 372,
-        "focal_px": 645.2401,
-        "cx_px": 635.9587,
-        "cy_px": 194.1291,
-        "doffs_px": 0.0,
-    }
+    found = aligned_geometry(path)
+    assert found.baseline_m == pytest.approx(368.2632 / 645.2401)
+    assert (found.width, found.height) == (1344, 372)
+    assert (found.focal_px, found.cx_px, found.cy_px, found.doffs_px) == (645.2401, 635.9587, 194.1291, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -235,14 +234,70 @@ def test_a_bad_karlsruhe_entry_is_named(tmp_path: Path, old: str, new: str, entr
     assert old in KARLSRUHE
     path.write_text(KARLSRUHE.replace(old, new))
     with pytest.raises(ep.Error) as caught:
-        read_kitti_projection(path)
+        load_rig(path)
     assert "calib.txt" in str(caught.value)
     assert f"'{entry}'" in str(caught.value)
     assert reason in str(caught.value)
 
 
 def test_the_real_karlsruhe_file(data: Path) -> None:
-    found = read_kitti_projection(data / "karlsruhe_2010_03_09_drive_0023" / "calib.txt")
-    assert found["focal_px"] == pytest.approx(645.24, abs=0.005)
-    assert found["baseline_m"] == pytest.approx(0.5707, abs=5e-5)
-    assert (found["cx_px"], found["cy_px"]) == pytest.approx((635.96, 194.13), abs=0.005)
+    found = aligned_geometry(data / "karlsruhe_2010_03_09_drive_0023" / "calib.txt")
+    assert found.focal_px == pytest.approx(645.24, abs=0.005)
+    assert found.baseline_m == pytest.approx(0.5707, abs=5e-5)
+    assert (found.cx_px, found.cy_px) == pytest.approx((635.96, 194.13), abs=0.005)
+
+
+def test_content_decides_what_a_rig_file_is(rig: ep.StereoCalibration, tmp_path: Path) -> None:
+    """Not its name: a rig of ours called .txt is one, and a text that is none is refused as what it is."""
+    path = tmp_path / "rig.txt"
+    rig.save(path, format="epiline")
+    assert load_rig(path) == rig
+    path.write_text("it rained all day\n")
+    with pytest.raises(ep.Error, match=r"rig\.txt.*'document' is 'it rained all day': no rig file of a known"):
+        load_rig(path)
+    path.write_text("P0: 700 0 300 0 0 700 200 0 0 0 1 0\n")
+    with pytest.raises(ep.Error, match="image_size"):
+        load_rig(path)
+
+
+def test_outliers_and_the_boards_bend_are_kept(tmp_path: Path) -> None:
+    """Exactly, as everything else; a file without them, as older ones are, has none."""
+    truth = bare_rig()
+    board = np.array([[x * 0.03, y * 0.03, 0.0] for y in range(5) for x in range(7)])
+    rng = np.random.default_rng(1)
+    left, right = [], []
+    for _ in range(8):
+        points = board @ rotation(rng.uniform(-0.5, 0.5, 3)).T + [-0.08, -0.05, 0.5]
+        left.append(truth.left.project(points) + rng.normal(0, 0.1, (len(board), 2)))
+        in_right = points @ truth.rotation.T + truth.translation_m
+        right.append(truth.right.project(in_right) + rng.normal(0, 0.1, (len(board), 2)))
+    left[2][7] += [4.0, 3.0]
+    right[5][20] -= [2.0, 6.0]
+    bent = ep.calibrate_points(left, right, [board] * 8, (640, 480), warp=True)
+    assert [(o.view, o.side, o.corner) for o in bent.outliers] == [(2, "left", 7), (5, "right", 20)]
+    path = tmp_path / "rig.yaml"
+    bent.save(path)
+    back = ep.StereoCalibration.load(path)
+    assert back == bent
+    assert back.outliers == bent.outliers
+    assert [o.reason for o in back.outliers] == [o.reason for o in bent.outliers]
+    assert back.board_warp_m is not None
+    assert bent.board_warp_m is not None
+    assert np.array_equal(back.board_warp_m, bent.board_warp_m)
+    text = path.read_text()
+    older = text[: text.index("board_warp:")] + "...\n"
+    path.write_text(older)
+    back = ep.StereoCalibration.load(path)
+    assert back.outliers == []
+    assert back.board_warp_m is None
+    assert back.views == bent.views
+    for old, new, entry in [
+        ("side: left", "side: top", r"outliers\[0\]\.side"),
+        ("corner: 7", "corner: -7", r"outliers\[0\]\.corner"),
+        ("residual_px: ", "residual_px: -", r"outliers\[0\]\.residual_px"),
+        ("height_m: [", "height_m: [0.1, ", r"board_warp\.height_m"),
+    ]:
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+        with pytest.raises(ep.Error, match=entry):
+            ep.StereoCalibration.load(path)

@@ -370,6 +370,75 @@ def test_kitti(tmp_path: Path) -> None:
     assert grey.left.camera_matrix[0, 2] == 609.5593
 
 
+def raw_kitti(rig_of: dict[int, tuple[ep.CameraModel, np.ndarray, np.ndarray]]) -> str:
+    """A `calib_cam_to_cam.txt` of cameras and where camera 0 is to them, in KITTI's digits."""
+
+    def line(name: str, values: np.ndarray) -> str:
+        return f"{name}: {' '.join(f'{value:.6e}' for value in np.ravel(values))}"
+
+    lines = ["calib_time: 09-Jan-2012 13:57:47", "corner_dist: 9.950000e-02"]
+    for number, (camera, turn, shift_m) in rig_of.items():
+        lines += [
+            line(f"S_{number:02}", np.array([camera.width, camera.height])),
+            line(f"K_{number:02}", camera.camera_matrix),
+            line(f"D_{number:02}", camera.distortion),
+            line(f"R_{number:02}", turn),
+            line(f"T_{number:02}", shift_m),
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def test_kitti_before_it_was_aligned(tmp_path: Path) -> None:
+    """The projection of a point through the file's own words: x_i = R_i x_0 + T_i, then K_i and D_i by OpenCV."""
+    rng = np.random.default_rng(0)
+    cameras = {}
+    for number, x_m in enumerate((0.0, 0.54, 0.06, 0.6)):
+        matrix = np.array([[984.2 + number, 0, 690.5 - number], [0, 980.8, 233.2], [0, 0, 1]])
+        lens = [-0.373, 0.205, 2.2e-4, 1.8e-3, -7.2e-2]
+        turn = cv2.Rodrigues(rng.normal(0, 0.01, 3))[0]
+        model = ep.CameraModel(matrix, lens, width=1392, height=512)
+        cameras[number] = (model, turn, np.array([-x_m, 0.002, -0.01]))
+    path = tmp_path / "calib_cam_to_cam.txt"
+    path.write_text(raw_kitti(cameras))
+    point = np.array([0.7, -0.4, 6.0])
+    for left, right in ((2, 3), (0, 1), (0, 3), (2, 1)):
+        rig = ep.StereoCalibration.load(path, format="kitti-raw", cameras=(left, right))
+        in_left, in_right = (cameras[i][1] @ point + cameras[i][2] for i in (left, right))
+        np.testing.assert_allclose(rig.rotation @ in_left + rig.translation_m, in_right, atol=1e-5)
+        model, _, _ = cameras[right]
+        expected, _ = cv2.projectPoints(
+            in_right[None], np.zeros(3), np.zeros(3), np.array(model.camera_matrix), np.array(model.distortion)
+        )
+        np.testing.assert_allclose(rig.right.project(in_right[None]), expected[0], atol=1e-3)
+        assert rig.image_size == (1392, 512)
+    # By default the colour pair; content decides, as there are no aligned pictures in the file.
+    assert_same(ep.StereoCalibration.load(path), ep.StereoCalibration.load(path, format="kitti-raw", cameras=(2, 3)))
+
+
+def test_kitti_files_choose_their_pair(tmp_path: Path) -> None:
+    path = tmp_path / "calib.txt"
+    path.write_text(KITTI)
+    size = (1242, 375)
+    grey = ep.StereoCalibration.load(path, image_size=size, cameras=(0, 1))
+    assert_same(grey, ep.StereoCalibration.load(path, image_size=size, format="kitti-grey"))
+    mixed = ep.StereoCalibration.load(path, image_size=size, cameras=(0, 3))
+    assert mixed.baseline_m == pytest.approx(339.5242 / 721.5377)
+    with pytest.raises(ep.Error, match="to the left of the left"):
+        ep.StereoCalibration.load(path, image_size=size, cameras=(3, 2))
+    with pytest.raises(ep.Error, match="'P7' is missing"):
+        ep.StereoCalibration.load(path, image_size=size, cameras=(0, 7))
+    with pytest.raises(ValueError, match=r"cameras = \[2, 2\]"):
+        ep.StereoCalibration.load(path, image_size=size, cameras=(2, 2))
+    with pytest.raises(ep.Error, match="'S_02' is missing"):
+        ep.StereoCalibration.load(path, format="kitti-raw")
+    with pytest.raises(ValueError, match="can be read but not written"):
+        grey.save(path, format="kitti-raw")  # type: ignore[arg-type]
+    rig = tmp_path / "rig.yaml"
+    grey.save(rig)
+    with pytest.raises(ValueError, match=r"cameras = .* is for KITTI's files"):
+        ep.StereoCalibration.load(rig, cameras=(0, 1))
+
+
 def test_the_real_karlsruhe_file_is_a_rig(data: Path) -> None:
     found = ep.StereoCalibration.load(data / "karlsruhe_2010_03_09_drive_0023" / "calib.txt")
     assert found.baseline_m == pytest.approx(0.5707, abs=5e-5)

@@ -46,7 +46,6 @@ __all__ = [
     "measure_drift",
     "paper_regions",
     "profile",
-    "read_kitti_projection",
     "realign",
     "simd_level",
     "to_range",
@@ -164,13 +163,25 @@ class StereoCalibration:
     def load(
         path: Path | tuple[Path, Path],
         *,
-        format: Literal["epiline", "opencv", "ros", "kalibr", "mrcal", "boofcv", "middlebury", "kitti", "kitti-grey"]
+        format: Literal[
+            "epiline",
+            "opencv",
+            "ros",
+            "kalibr",
+            "mrcal",
+            "boofcv",
+            "middlebury",
+            "kitti",
+            "kitti-grey",
+            "kitti-raw",
+        ]
         | None = None,
         image_size: tuple[int, int] | None = None,
         unit_m: float = 1.0,
+        cameras: tuple[int, int] | None = None,
     ) -> StereoCalibration: ...
-
-def read_kitti_projection(path: Path) -> dict[str, Any]: ...
+    @staticmethod
+    def describes_aligned_pictures(path: Path) -> bool: ...
 
 # ---- calibration -------------------------------------------------------------------------------
 

@@ -1,9 +1,8 @@
 //! Cameras, the calibrated pair, rig files.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use epiline::camera::formats::{Format, ReadOptions, kitti};
+use epiline::camera::formats::{Format, ReadOptions};
 use epiline::camera::{CameraModel, Lens, Outlier, Pose, StereoCalibration, ViewResidual};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
@@ -18,8 +17,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyCameraModel>()?;
     module.add_class::<PyViewResidual>()?;
     module.add_class::<PyOutlier>()?;
-    module.add_class::<PyStereoCalibration>()?;
-    module.add_function(wrap_pyfunction!(read_kitti_projection, module)?)
+    module.add_class::<PyStereoCalibration>()
 }
 
 /// A `(rows, N)` array of rows.
@@ -443,14 +441,14 @@ impl PyStereoCalibration {
         self.0.views.iter().copied().map(PyViewResidual).collect()
     }
 
-    /// Corners that were left out, each with its reason; rig files do not keep them.
+    /// Corners that were left out, each with its reason.
     #[getter]
     fn outliers(&self) -> Vec<PyOutlier> {
         self.0.outliers.iter().copied().map(PyOutlier).collect()
     }
 
     /// (2,) float64: how far the board's middle stands out behind the plane of its corners, along its x and y axis,
-    /// metres; None if it was not solved for. Rig files do not keep it.
+    /// metres; None if it was not solved for.
     #[getter]
     fn board_warp_m<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
         self.0.board_warp.map(|warp| PyArray1::from_slice(py, &warp.height_m))
@@ -508,13 +506,16 @@ impl PyStereoCalibration {
     /// ----------
     /// path : path or (path, path)
     ///     The file; for formats with two, those of the left and of the right camera (OpenCV: intrinsics, extrinsics).
-    /// format : {"epiline", "opencv", "ros", "kalibr", "mrcal", "boofcv", "middlebury", "kitti", "kitti-grey"}, optional
-    ///     By default the content decides.
+    /// format : str, optional
+    ///     "epiline", "opencv", "ros", "kalibr", "mrcal", "boofcv", "middlebury", "kitti", "kitti-grey" (both of aligned
+    ///     pictures) or "kitti-raw" (of pictures as taken). By default the content decides.
     /// image_size : (width, height), optional
     ///     Of the images, pixels, for files without it: OpenCV's, those of KITTI's benchmarks.
     /// unit_m : float
     ///     Metres in one unit of length, for files that do not say: OpenCV's and BoofCV's. 0.001 if the board was
     ///     measured in millimetres.
+    /// cameras : (int, int), optional
+    ///     Left and right camera of KITTI's files, which hold four: (2, 3) by default, (0, 1) with "kitti-grey".
     ///
     /// Raises
     /// ------
@@ -526,19 +527,41 @@ impl PyStereoCalibration {
     /// ValueError
     ///     The format is unknown or has another number of files.
     #[staticmethod]
-    #[pyo3(signature = (path, *, format = None, image_size = None, unit_m = 1.0))]
+    #[pyo3(signature = (path, *, format = None, image_size = None, unit_m = 1.0, cameras = None))]
     fn load(
         py: Python<'_>,
         path: Paths,
         format: Option<&str>,
         image_size: Option<(i64, i64)>,
         unit_m: f64,
+        cameras: Option<(i64, i64)>,
     ) -> PyResult<Self> {
         let format = format.map(Format::of_name).transpose().or_raise()?;
         let image_size =
             image_size.map(|(w, h)| PyResult::Ok((whole("width", w)?, whole("height", h)?))).transpose()?;
-        let options = ReadOptions { format, image_size, unit_m };
+        let cameras = cameras
+            .map(|(left, right)| PyResult::Ok([whole("cameras", left)?, whole("cameras", right)?]))
+            .transpose()?;
+        let options = ReadOptions { format, image_size, unit_m, cameras };
         py.detach(|| StereoCalibration::load_files(&path.into_vec(), &options)).map(Self).or_raise()
+    }
+
+    /// Whether a file describes pictures that came aligned: Middlebury's and KITTI's do.
+    ///
+    /// Parameters
+    /// ----------
+    /// path : path
+    ///
+    /// Raises
+    /// ------
+    /// OSError
+    ///     The file cannot be read.
+    /// epiline.Error
+    ///     It is no text, or no document.
+    #[staticmethod]
+    fn describes_aligned_pictures(py: Python<'_>, path: PathBuf) -> PyResult<bool> {
+        let format = py.detach(|| Format::of_file(path)).or_raise()?;
+        Ok(format.is_some_and(Format::is_aligned))
     }
 
     fn __repr__(&self) -> String {
@@ -550,36 +573,4 @@ impl PyStereoCalibration {
             self.0.epipolar_error_px
         )
     }
-}
-
-/// Geometry of already aligned and cropped pictures from a Karlsruhe ``calib.txt`` (``P1_roi``, ``P2_roi``).
-///
-/// Returns
-/// -------
-/// dict
-///     Keyword arguments of ``RectifiedGeometry``.
-///
-/// Raises
-/// ------
-/// OSError
-///     The file cannot be read.
-/// epiline.Error
-///     An entry is missing or does not describe an aligned pair.
-#[pyfunction]
-fn read_kitti_projection(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
-    let projection = py.detach(|| kitti::read(path)).or_raise()?;
-    let lengths = BTreeMap::from([
-        ("focal_px", projection.focal_px),
-        ("cx_px", projection.cx_px),
-        ("cy_px", projection.cy_px),
-        ("doffs_px", projection.doffs_px),
-        ("baseline_m", projection.baseline_m),
-    ]);
-    let arguments = PyDict::new(py);
-    arguments.set_item("width", projection.width)?;
-    arguments.set_item("height", projection.height)?;
-    for (name, value) in lengths {
-        arguments.set_item(name, value)?;
-    }
-    Ok(arguments)
 }

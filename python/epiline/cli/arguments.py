@@ -12,7 +12,6 @@ from epiline._core import (
     StereoCalibration,
     StereoMatcher,
     default_disparities,
-    read_kitti_projection,
 )
 
 PRESETS = ("fast", "balanced", "accurate")
@@ -110,7 +109,18 @@ def matcher_from(args: argparse.Namespace, width: int) -> StereoMatcher:
 
 
 def load_rig(path: Path) -> StereoCalibration | RectifiedGeometry:
-    """A rig file of ours, or the `calib.txt` of a sequence that is already aligned (KITTI, Karlsruhe)."""
-    if path.suffix == ".txt":
-        return RectifiedGeometry(**read_kitti_projection(path))
-    return StereoCalibration.load(path)
+    """A rig file of any format; of one that describes aligned pictures (KITTI's, Middlebury's) their geometry."""
+    rig = StereoCalibration.load(path)
+    if not StereoCalibration.describes_aligned_pictures(path):
+        return rig
+    left, right = rig.left.camera_matrix, rig.right.camera_matrix
+    width, height = rig.image_size
+    return RectifiedGeometry(
+        width=width,
+        height=height,
+        focal_px=left[0, 0],
+        cx_px=left[0, 2],
+        cy_px=left[1, 2],
+        baseline_m=rig.baseline_m,
+        doffs_px=right[0, 2] - left[0, 2],
+    )

@@ -146,9 +146,9 @@ pub struct StereoCalibration {
     pub covariance: Option<DMatrix<f64>>,
     /// One entry per view used; empty if unknown.
     pub views: Vec<ViewResidual>,
-    /// Corners that were left out; rig files do not keep them.
+    /// Corners that were left out.
     pub outliers: Vec<Outlier>,
-    /// The board's bend, if it was solved for; rig files do not keep it.
+    /// The board's bend, if it was solved for.
     pub board_warp: Option<BoardWarp>,
 }
 

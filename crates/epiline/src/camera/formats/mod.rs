@@ -6,7 +6,7 @@ mod aligned;
 mod boofcv;
 mod document;
 mod kalibr;
-pub mod kitti;
+mod kitti;
 mod middlebury;
 mod mrcal;
 mod opencv;
@@ -48,11 +48,13 @@ pub enum Format {
     Kitti,
     /// The same of the grey cameras, 0 and 1.
     KittiGrey,
+    /// KITTI's calibration of its colour cameras before their pictures were aligned, read only.
+    KittiRaw,
 }
 
 impl Format {
     /// Every format, in the order of [`NAMES`](Self::NAMES).
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Epiline,
         Self::OpenCv,
         Self::Ros,
@@ -62,11 +64,41 @@ impl Format {
         Self::Middlebury,
         Self::Kitti,
         Self::KittiGrey,
+        Self::KittiRaw,
     ];
 
     /// What the formats are called.
-    pub const NAMES: [&'static str; 9] =
-        ["epiline", "opencv", "ros", "kalibr", "mrcal", "boofcv", "middlebury", "kitti", "kitti-grey"];
+    pub const NAMES: [&'static str; 10] = [
+        "epiline",
+        "opencv",
+        "ros",
+        "kalibr",
+        "mrcal",
+        "boofcv",
+        "middlebury",
+        "kitti",
+        "kitti-grey",
+        "kitti-raw",
+    ];
+
+    /// The format of a file, by its content; `None` if it is none of these.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Io`] if the file cannot be read; [`Error::InvalidFile`] if it is not text, or no document.
+    pub fn of_file(path: impl AsRef<Path>) -> Result<Option<Self>> {
+        Ok(Source::open(path.as_ref(), None)?.format)
+    }
+
+    /// Whether files of this format describe pictures that are aligned already.
+    pub fn is_aligned(self) -> bool {
+        matches!(self, Self::Middlebury | Self::Kitti | Self::KittiGrey)
+    }
+
+    /// Whether it is KITTI's, whose files hold several cameras.
+    fn is_kitti(self) -> bool {
+        matches!(self, Self::Kitti | Self::KittiGrey | Self::KittiRaw)
+    }
 
     /// The format of a name.
     ///
@@ -144,11 +176,13 @@ pub struct ReadOptions {
     /// Metres in one unit of length, for files that do not say (OpenCV's, BoofCV's): 0.001 for a board measured in
     /// millimetres.
     pub unit_m: f64,
+    /// Numbers of the left and of the right camera in KITTI's files, which hold four; by default those of the format.
+    pub cameras: Option<[usize; 2]>,
 }
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { format: None, image_size: None, unit_m: 1.0 }
+        Self { format: None, image_size: None, unit_m: 1.0, cameras: None }
     }
 }
 
@@ -205,6 +239,10 @@ impl StereoCalibration {
                 format
             }
         };
+        if let (Some(cameras), false) = (options.cameras, format.is_kitti()) {
+            let expected = format!("is for KITTI's files, which hold several; this is '{}'", format.name());
+            return Err(Error::invalid("cameras", format!("{cameras:?}"), expected));
+        }
         let rig = read(format, &sources, options)?;
         // What single entries cannot show: a rotation that is none, cameras in one place.
         rig.validate().map_err(|error| match error {
@@ -250,8 +288,9 @@ impl StereoCalibration {
             Format::Mrcal => mrcal::texts_of(paths, self)?,
             Format::Middlebury => vec![middlebury::text_of(first, self)?],
             Format::Kitti | Format::KittiGrey => vec![kitti::text_of(first, self)?],
-            Format::BoofCv => {
-                return Err(Error::invalid("format", "'boofcv'", "can be read but not written"));
+            Format::BoofCv | Format::KittiRaw => {
+                let value = format!("'{}'", format.name());
+                return Err(Error::invalid("format", value, "can be read but not written"));
             }
         };
         paths.iter().zip(texts).try_for_each(|(path, text)| write_atomically(path, &text))
@@ -274,12 +313,9 @@ impl<'a> Source<'a> {
     fn open(path: &'a Path, format: Option<Format>) -> Result<Self> {
         let text = read_text(path)?;
         let by_lines = match format {
-            Some(format) => {
-                matches!(format, Format::Middlebury | Format::Kitti | Format::KittiGrey).then_some(format)
-            }
+            Some(format) => (format == Format::Middlebury || format.is_kitti()).then_some(format),
             None if middlebury::recognises(&text) => Some(Format::Middlebury),
-            None if kitti::recognises(&text) => Some(Format::Kitti),
-            None => None,
+            None => kitti::recognised(&text),
         };
         if by_lines.is_some() {
             return Ok(Self { path, text, document: None, format: by_lines });
@@ -320,8 +356,9 @@ fn read(format: Format, sources: &[Source<'_>], options: &ReadOptions) -> Result
         Format::Mrcal => mrcal::read(&first.root(), &sources[1].root()),
         Format::BoofCv => boofcv::read(&first.root(), options),
         Format::Middlebury => middlebury::read(first.path, &first.text),
-        Format::Kitti => kitti::read_pair(first.path, &first.text, kitti::Cameras::Colour, options),
-        Format::KittiGrey => kitti::read_pair(first.path, &first.text, kitti::Cameras::Grey, options),
+        Format::Kitti | Format::KittiGrey | Format::KittiRaw => {
+            kitti::read_pair(first.path, &first.text, format, options)
+        }
     }?;
     Ok(StereoCalibration {
         left: pair.left,

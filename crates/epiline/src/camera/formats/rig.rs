@@ -8,7 +8,7 @@ use serde_saphyr::FlowSeq;
 
 use super::document::Entry;
 use super::io_error;
-use crate::camera::{CameraModel, Lens, Pose, StereoCalibration, ViewResidual};
+use crate::camera::{BoardWarp, CameraModel, Lens, Outlier, Pose, StereoCalibration, ViewResidual};
 use crate::error::Result;
 
 const FORMAT: &str = "epiline stereo rig";
@@ -34,6 +34,10 @@ struct RigFile {
     covariance: Option<CovarianceEntry>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     views: Vec<ViewEntry>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    board_warp: Option<WarpEntry>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    outliers: Vec<OutlierEntry>,
 }
 
 #[derive(Serialize)]
@@ -68,6 +72,21 @@ struct ViewEntry {
     #[serde(skip_serializing_if = "Option::is_none")]
     right_rms_px: Option<f64>,
     left_from_board: PoseEntry,
+}
+
+#[derive(Serialize)]
+struct WarpEntry {
+    height_m: Row,
+    sigma_m: Row,
+}
+
+#[derive(Serialize)]
+struct OutlierEntry {
+    view: usize,
+    side: &'static str,
+    corner: usize,
+    residual_px: f64,
+    sigma_px: f64,
 }
 
 /// A lens's coefficients by name, in their order.
@@ -129,6 +148,21 @@ impl From<&StereoCalibration> for RigFile {
                     left_from_board: (&view.left_from_board).into(),
                 })
                 .collect(),
+            board_warp: rig.board_warp.map(|BoardWarp { height_m, sigma_m }| WarpEntry {
+                height_m: FlowSeq(height_m.to_vec()),
+                sigma_m: FlowSeq(sigma_m.to_vec()),
+            }),
+            outliers: rig
+                .outliers
+                .iter()
+                .map(|&Outlier { view, side, corner, residual_px, sigma_px }| OutlierEntry {
+                    view,
+                    side,
+                    corner,
+                    residual_px,
+                    sigma_px,
+                })
+                .collect(),
         }
     }
 }
@@ -168,8 +202,11 @@ pub(super) fn read(root: &Entry<'_>, text: &str) -> Result<StereoCalibration> {
             Some(list) => list.list()?.map(|entry| view(&entry)).collect::<Result<_>>()?,
             None => Vec::new(),
         },
-        outliers: Vec::new(),
-        board_warp: None,
+        outliers: match root.optional("outliers")? {
+            Some(list) => list.list()?.map(|entry| outlier(&entry)).collect::<Result<_>>()?,
+            None => Vec::new(),
+        },
+        board_warp: root.optional("board_warp")?.map(|entry| board_warp(&entry)).transpose()?,
     };
     if let Some(entry) = root.optional("covariance")? {
         rig.covariance = Some(covariance(&entry, &rig.parameter_names())?);
@@ -233,5 +270,26 @@ fn view(entry: &Entry<'_>) -> Result<ViewResidual> {
         left_rms_px: optional_number(entry, "left_rms_px")?,
         right_rms_px: optional_number(entry, "right_rms_px")?,
         left_from_board: pose(&entry.get("left_from_board")?)?,
+    })
+}
+
+fn outlier(entry: &Entry<'_>) -> Result<Outlier> {
+    /// No set of photographs, and no board, has so many.
+    const MANY: usize = 1 << 24;
+    let side = entry.get("side")?;
+    let known = ["left", "right"].into_iter().find(|known| side.text().is_ok_and(|text| text == *known));
+    Ok(Outlier {
+        view: entry.get("view")?.count(MANY)?,
+        side: known.ok_or_else(|| side.error("must be 'left' or 'right'"))?,
+        corner: entry.get("corner")?.count(MANY)?,
+        residual_px: entry.get("residual_px")?.positive()?,
+        sigma_px: entry.get("sigma_px")?.positive()?,
+    })
+}
+
+fn board_warp(entry: &Entry<'_>) -> Result<BoardWarp> {
+    Ok(BoardWarp {
+        height_m: entry.get("height_m")?.numbers::<2>()?,
+        sigma_m: entry.get("sigma_m")?.numbers::<2>()?,
     })
 }
