@@ -13,6 +13,7 @@ from epiline.sources import open_source
 from epiline.targets import parse_board, parse_length
 from epiline.targets.chessboard import NotFoundError, _detect, find_corners
 from epiline.targets.grid import closest_reading, irregularity, readings, smallest_spacing
+from epiline.targets.refinement import refined
 from epiline.targets.search import _workers
 
 
@@ -60,6 +61,66 @@ def test_a_board_in_a_large_photograph_is_found() -> None:
     board = ep.Chessboard(columns=9, rows=6)
     (only,) = readings(large, find_corners(large, board).corners_px, board)
     assert np.abs(only - ((truth + 0.5) * 4 - 0.5)).max() < 0.4
+
+
+def seen_board(seed: int, square_px: float, tilt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A tilted 9x6 board through an ideal lens at a known place, with noise; its corners, and those a pixel off."""
+    rng = np.random.default_rng(seed)
+    turn = cv2.Rodrigues(np.array([0.3, 1.0, 0.1]) * tilt)[0]
+    focal_px, distance = 900.0, 900.0 / square_px
+    fine = 4
+    y, x = np.mgrid[0 : 480 * fine, 0 : 640 * fine]
+    rays = np.stack(
+        [((x + 0.5) / fine - 320.0) / focal_px, ((y + 0.5) / fine - 240.0) / focal_px, np.ones(x.shape)], -1
+    )
+    middle = np.array([0.13, -0.07, distance])
+    # Where each ray meets the plane of the board, in squares from its middle.
+    normal = turn[:, 2]
+    at = (rays * (normal @ middle / (rays @ normal))[..., None] - middle) @ turn
+    column, row = np.floor(at[..., 0] + 5.0), np.floor(at[..., 1] + 3.5)
+    inside = (column >= 0) & (column < 10) & (row >= 0) & (row < 7)
+    fine_image = np.where(inside & ((column + row) % 2 == 0), 40.0, 200.0)
+    image = cv2.GaussianBlur(fine_image, (0, 0), 0.8 * fine).reshape(480, fine, 640, fine).mean(axis=(1, 3))
+    image = (image + rng.normal(0, 3.0, image.shape)).round().clip(0, 255).astype(np.uint8)
+    corners = np.array([[c - 4.0, r - 2.5, 0.0] for r in range(6) for c in range(9)]) @ turn.T + middle
+    truth = focal_px * corners[:, :2] / corners[:, 2:] + [319.5, 239.5]
+    return image, truth, truth + rng.uniform(-1.0, 1.0, truth.shape)
+
+
+@pytest.mark.parametrize(("square_px", "tilt"), [(40.0, 0.3), (40.0, 0.9), (14.0, 0.6)])
+def test_refinement_beats_square_windows(square_px: float, tilt: float) -> None:
+    """Against the place where the corners were drawn: OpenCV's windows of whole pixels are no better anywhere."""
+    ours, square = [], []
+    for seed in range(3):
+        image, truth, rough = seen_board(seed, square_px, tilt)
+        found = refined(image, rough, 9, 6)
+        ours.append(found - truth)
+        half = max(2, round(0.35 * smallest_spacing(truth, ep.Chessboard(columns=9, rows=6))))
+        start = rough.astype(np.float32).reshape(-1, 1, 2)
+        stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
+        square.append(cv2.cornerSubPix(image, start, (half, half), (-1, -1), stop).reshape(-1, 2) - truth)
+    rms = [np.sqrt(np.mean(np.square(errors))) for errors in (ours, square)]
+    assert rms[0] < 0.065
+    assert rms[0] < 0.93 * rms[1]
+    # No common shift: half a pixel lost anywhere would be one.
+    assert np.abs(np.mean(ours, axis=(0, 1))).max() < 0.02
+
+
+def test_refinement_of_hostile_pictures() -> None:
+    image, truth, rough = seen_board(0, 40.0, 0.3)
+    # Nothing to see: where they were. One edge: no place along it.
+    np.testing.assert_array_equal(refined(np.full_like(image, 77), rough, 9, 6), rough)
+    edge = np.zeros_like(image)
+    edge[:, 320:] = 255
+    assert np.isfinite(refined(edge, rough, 9, 6)).all()
+    # Corners outside the picture, and all in one place.
+    assert np.isfinite(refined(image, rough - 400.0, 9, 6)).all()
+    assert np.isfinite(refined(image, np.zeros_like(rough), 9, 6)).all()
+    # In a crop they are where they are in the whole.
+    x, y = truth.min(axis=0).astype(int) - 45
+    crop = np.ascontiguousarray(image[y:, x:])
+    in_crop = refined(crop, rough - [x, y], 9, 6) + np.array([x, y])
+    np.testing.assert_allclose(in_crop, refined(image, rough, 9, 6), atol=2e-3)
 
 
 def test_a_board_with_odd_and_even_sides_is_read_the_same_way_upside_down() -> None:
@@ -196,10 +257,11 @@ def test_mis_found_grids_of_the_stereopi_set_are_named_and_left_out(data: Path) 
     board = ep.Chessboard(columns=9, rows=6)
     views = ep.find_boards(*pairs(data / "calib" / "stereopi" / "pairs"), board)
     left_out = {view.name_right: view.reason for view in views.rejected}
-    assert set(left_out) == {"right_13.png", "right_14.png", "right_15.png"}
-    assert all("the grid is not regular" in reason for reason in left_out.values())
+    assert set(left_out) == {"right_13.png", "right_15.png"}
+    assert "the grid is not regular" in left_out["right_15.png"]
+    assert "refinement moved a corner" in left_out["right_13.png"]
     # With the grid of pair 15 as first found, 0.437 px.
-    assert ep.calibrate(views).rms_px < 0.195
+    assert ep.calibrate(views).rms_px <= 0.19
 
 
 def test_no_board_raises_the_reason() -> None:

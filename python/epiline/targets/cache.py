@@ -15,6 +15,8 @@ from epiline.targets.boards import Board
 from epiline.targets.photograph import Look, Photograph
 
 _FORMAT = "epiline corners 1"
+# How photographs are looked at; raised when the same photograph would give other corners.
+_WAY_OF_LOOKING = 2
 # Between two writes while photographs are being looked at: what a broken run loses at most.
 _WRITE_EVERY_SECONDS = 10.0
 
@@ -40,7 +42,7 @@ class CornerCache:
 
     def __init__(self, path: str | os.PathLike[str], board: Board, half_window: int | None) -> None:
         self._path = Path(path)
-        self._what = f"{board!r} window {half_window}"
+        self._what = f"{board!r} window {half_window} way {_WAY_OF_LOOKING}"
         self._lock = threading.Lock()
         self._written = time.monotonic()
         self._changed = False

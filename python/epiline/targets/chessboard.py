@@ -1,4 +1,4 @@
-"""A chessboard's inner corners in one photograph, by OpenCV's detector and sub-pixel refinement."""
+"""A chessboard's inner corners in one photograph: OpenCV's detector, then a refinement that follows the board."""
 
 from __future__ import annotations
 
@@ -13,19 +13,14 @@ from epiline.targets.boards import Chessboard
 from epiline.targets.failure import NotFoundError
 from epiline.targets.grid import MAX_IRREGULARITY, irregularity, smallest_spacing
 from epiline.targets.observations import Points
+from epiline.targets.refinement import refined
 
-# Half the refinement window as a share of the smallest corner spacing. A larger window reaches into the next corner
-# of a foreshortened board and pulls the estimate there; a smaller one wastes the edges that carry the signal. Held-out
-# vertical disparity on thirteen real pairs: 0.103 px at 0.35, 0.133 px with a fixed 5 px, 0.200 px at 0.45.
-_WINDOW_SHARE = 0.35
-_MIN_HALF_WINDOW = 2
 # Closer neighbours lie inside the smallest window.
 _MIN_SPACING_PX = 3.0
 # Boards in larger photographs are looked for in a copy of this many pixels a side: the detector's thresholds are
 # local, and the time it spends on a texture that is no board grows faster than the area (opencv#23558).
 _SEARCH_SIDE_PX = 1600
-# OpenCV leaves a corner where it was when refinement strays out of the window. So much of the spacing is more than
-# any window, so it means that the corner settled on a neighbour.
+# So much of the spacing is more than any window, so it means that the corner settled on a neighbour.
 _MAX_REFINEMENT_SHARE = 0.5
 
 
@@ -56,7 +51,7 @@ def find_corners(image: NDArray[np.uint8], board: Chessboard, *, half_window: in
     image : (H, W) uint8
     board : Chessboard
     half_window : int, optional
-        Half the side of the refinement window, px; 0.35 of the smallest corner spacing if not given.
+        Half the side of a square refinement window, px; by default the window follows the board at each corner.
 
     Returns
     -------
@@ -109,11 +104,13 @@ def _refine(image: NDArray[np.uint8], rough: Points, board: Chessboard, half_win
     spacing = smallest_spacing(rough, board)
     if spacing < _MIN_SPACING_PX:
         return rough, f"two corners are {spacing:.1f} px apart; they must be {_MIN_SPACING_PX:g} px or more"
-    window = half_window or max(_MIN_HALF_WINDOW, round(_WINDOW_SHARE * spacing))
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
-    start = rough.astype(np.float32).reshape(-1, 1, 2)
-    corners = np.asarray(cv2.cornerSubPix(image, start, (window, window), (-1, -1), criteria), np.float64)
-    corners = corners.reshape(-1, 2)
+    if half_window is None:
+        corners = refined(image, rough, board.columns, board.rows)
+    else:
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
+        start = rough.astype(np.float32).reshape(-1, 1, 2)
+        square = cv2.cornerSubPix(image, start, (half_window, half_window), (-1, -1), criteria)
+        corners = np.asarray(square, np.float64).reshape(-1, 2)
     moved = float(np.linalg.norm(corners - rough, axis=1).max())
     if moved > _MAX_REFINEMENT_SHARE * spacing:
         return corners, f"refinement moved a corner by {moved:.1f} px, {moved / spacing:.2f} of the spacing"

@@ -17,8 +17,9 @@ LensModel: TypeAlias = Literal["brown4", "brown5", "rational", "thin-prism", "fi
 # Corners of two views closer than this on average, in both cameras, are one view twice. Hand-held boards differ by
 # tens of pixels; a tripod's drift and the noise of the corners stay below one.
 _SAME_VIEW_PX = 1.0
-# Blurred against the other views of its camera: so many times the usual width of edges, and wide in itself.
-_BLUR_RATIO, _BLUR_PX = 2.0, 4.0
+# Blurred against the other views of its camera: so many times the usual width of edges, and wide in itself. The sharp
+# views of four rigs are at most 1.28 times as wide as is usual there.
+_BLUR_RATIO, _BLUR_PX = 1.8, 4.0
 # With so many regular views one whose grid was mis-found at first is not worth its risk. On real pairs such views,
 # found again, changed the held-out error by 0.3 % at most, in either direction.
 _ENOUGH_VIEWS = 8
