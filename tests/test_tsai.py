@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -212,6 +213,28 @@ def test_degenerate_points_are_refused_in_words() -> None:
     deep, seen, _ = synthetic(depth_mm=60.0)
     with pytest.raises(ep.Error, match="left-handed"):
         tsai.calibrate(deep * [1, 1, -1], seen, sensor=SENSOR)
+
+
+def test_a_tilt_below_two_degrees_is_refused_and_one_of_five_is_not() -> None:
+    """Boards of 200 mm at 500 mm, f 8 mm, 0.1 px noise, pixels of three sizes; every direction of tilt."""
+    side = np.linspace(-100, 100, 10)
+    board = np.column_stack([*(axis.ravel() for axis in np.meshgrid(side, side)), np.zeros(100)])
+    for pitch_mm in (0.004, 0.0065, 0.01):
+        sensor = tsai.Sensor(ncx=768, nfx=768, dx_mm=pitch_mm, dy_mm=pitch_mm, cx=384, cy=288)
+        passed = dict.fromkeys((0.0, 1.0, 1.5, 5.0, 10.0), 0)
+        for tilt_deg in passed:
+            for seed in range(40):
+                rng = np.random.default_rng(seed)
+                direction = rng.uniform(0, 2 * math.pi)
+                axis = math.radians(tilt_deg) * np.array([math.cos(direction), math.sin(direction), 0.0])
+                points = board @ cv2.Rodrigues(axis)[0].T + [10.0, 15.0, 500.0]
+                pixels = [384.0, 288.0] + 8 / pitch_mm * points[:, :2] / points[:, 2:] + rng.normal(0, 0.1, (100, 2))
+                with contextlib.suppress(ep.Error):
+                    assert tsai.calibrate(board, pixels, sensor=sensor, full=False).f == pytest.approx(8.0, rel=0.3)
+                    passed[tilt_deg] += 1
+        assert passed[5.0] == passed[10.0] == 40
+        assert passed[0.0] + passed[1.0] == 0
+        assert passed[1.5] <= 1
 
 
 def test_a_real_pair_of_a_cube(data: Path) -> None:

@@ -16,6 +16,9 @@ pub(super) struct DepthStage {
     pub kappa1: f64,
 }
 
+/// The largest standard deviation of f, relative to it, that is an answer at all.
+const MAX_SIGMA_OF_F: f64 = 0.2;
+
 /// A point in the camera's frame but for Tz, and its image on the sensor, mm.
 struct Sighting {
     /// xc, yc, zc - Tz.
@@ -70,6 +73,15 @@ pub(super) fn solve(
             "the refinement of f, Tz and kappa1 diverged; tilt the board more",
         ));
     }
+    let uncertain = relative_sigma_of_f(&seen, &Vector3::new(f_mm, tz_mm, kappa1));
+    if uncertain > MAX_SIGMA_OF_F {
+        let percent = 100.0 * uncertain;
+        let reason = format!(
+            "f = {f_mm:.3} mm is uncertain by {percent:.0} %: it can hardly be told from Tz; tilt the board by 30 degrees or \
+             more"
+        );
+        return Err(Error::degenerate(METHOD, reason));
+    }
     Ok(DepthStage { rotation, f_mm, tz_mm, kappa1 })
 }
 
@@ -106,19 +118,7 @@ fn refine(seen: &[Sighting], f_mm: f64, tz_mm: f64) -> (f64, f64, f64) {
     let mut cost = residuals(&best);
     let mut damping = 1e-6;
     for _ in 0..MAX_ITERATIONS {
-        let mut normal = Matrix3::zeros();
-        let mut gradient = Vector3::zeros();
-        for s in seen {
-            let error = residual(s, &best);
-            let depth = s.point.z + best.y;
-            let r2 = s.image.norm_squared();
-            for axis in 0..2 {
-                let ideal = s.point[axis] / depth;
-                let row = Vector3::new(ideal, -best.x * ideal / depth, -s.image[axis] * r2);
-                normal += row * row.transpose();
-                gradient += row * error[axis];
-            }
-        }
+        let (normal, gradient) = normal_equations(seen, &best);
         // Unit diagonal: f in mm, Tz in thousands of mm and kappa1 in 1e-4/mm² then weigh alike.
         let scale = normal.diagonal().map(|d| 1.0 / d.max(f64::MIN_POSITIVE).sqrt());
         let mut scaled = Matrix3::from_fn(|r, c| normal[(r, c)] * scale[r] * scale[c]);
@@ -147,6 +147,35 @@ fn refine(seen: &[Sighting], f_mm: f64, tz_mm: f64) -> (f64, f64, f64) {
         }
     }
     (best.x, best.y, best.z)
+}
+
+/// `JᵀJ` and `Jᵀe` of the residuals by f, Tz and kappa1.
+fn normal_equations(seen: &[Sighting], at: &Vector3<f64>) -> (Matrix3<f64>, Vector3<f64>) {
+    let mut normal = Matrix3::zeros();
+    let mut gradient = Vector3::zeros();
+    for s in seen {
+        let error = residual(s, at);
+        let depth = s.point.z + at.y;
+        let r2 = s.image.norm_squared();
+        for axis in 0..2 {
+            let ideal = s.point[axis] / depth;
+            let row = Vector3::new(ideal, -at.x * ideal / depth, -s.image[axis] * r2);
+            normal += row * row.transpose();
+            gradient += row * error[axis];
+        }
+    }
+    (normal, gradient)
+}
+
+/// Standard deviation of f over f, R being right; infinite where f cannot be told from the others.
+fn relative_sigma_of_f(seen: &[Sighting], at: &Vector3<f64>) -> f64 {
+    let (normal, _) = normal_equations(seen, at);
+    let freedom = (2 * seen.len()).saturating_sub(3).max(1) as f64;
+    let variance = seen.iter().map(|s| residual(s, at).norm_squared()).sum::<f64>() / freedom;
+    let scale = normal.diagonal().map(|d| 1.0 / d.max(f64::MIN_POSITIVE).sqrt());
+    let scaled = Matrix3::from_fn(|r, c| normal[(r, c)] * scale[r] * scale[c]);
+    let inverse = scaled.try_inverse().map_or(f64::INFINITY, |inverse| inverse.m11);
+    (variance * inverse).sqrt() * scale.x / at.x
 }
 
 fn residual(s: &Sighting, p: &Vector3<f64>) -> Vector2<f64> {

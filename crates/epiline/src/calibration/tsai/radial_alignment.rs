@@ -62,6 +62,10 @@ const TOLERABLE_CONDITION: f64 = 50.0;
 /// The smallest tilt of a plane against the image, degrees, at which f and Tz can be told apart.
 const MIN_TILT_DEGREES: f64 = 2.0;
 
+/// By so many of its standard deviations the deviation from a parallel plane must exceed that of the smallest tilt:
+/// of planes tilted by less, noise lets 1 in 700 pass.
+const TILT_SIGMAS: f64 = 3.0;
+
 /// Mahalanobis distance, squared, from a plane parallel to the image that a tilt must exceed to be more than noise.
 ///
 /// The 99.999 % point of chi-squared with two degrees of freedom.
@@ -214,13 +218,14 @@ fn linear(
 /// Fails if the plane is parallel to the image, or so nearly that noise could have tilted it.
 ///
 /// The 2x2 matrix of the unknowns is a multiple of a rotation exactly for a plane parallel to the image: then
-/// `u1 - s u5 = 0` and `u2 + s u4 = 0`, `s` being the sign of its determinant.
+/// `u1 - s u5 = 0` and `u2 + s u4 = 0`, `s` being the sign of its determinant. Of a plane tilted by `t` these two are a
+/// vector of length `(1 - cos t) / |Ty|`.
 fn require_tilt(solution: &Solution) -> Result<()> {
     let u = &solution.unknowns;
     let sum = u[0] * u[0] + u[1] * u[1] + u[3] * u[3] + u[4] * u[4];
     let determinant = u[0] * u[4] - u[3] * u[1];
-    let cosine = ty_squared(sum, determinant) * determinant.abs();
-    let tilt = cosine.min(1.0).acos().to_degrees();
+    let ty_squared = ty_squared(sum, determinant);
+    let tilt = (ty_squared * determinant.abs()).min(1.0).acos().to_degrees();
     let sign = determinant.signum();
     let by_unknowns = SMatrix::<f64, 2, 5>::new(
         1.0, 0.0, 0.0, 0.0, -sign, //
@@ -231,7 +236,10 @@ fn require_tilt(solution: &Solution) -> Result<()> {
     // Without noise there is no covariance to invert, and every deviation is significant.
     let significance =
         covariance.try_inverse().map_or(f64::INFINITY, |inverse| deviation.dot(&(inverse * deviation)));
-    if tilt >= MIN_TILT_DEGREES && significance >= SIGNIFICANT_TILT {
+    let length = deviation.norm();
+    let sigma = deviation.dot(&(covariance * deviation)).max(0.0).sqrt() / length;
+    let smallest = (1.0 - MIN_TILT_DEGREES.to_radians().cos()) / ty_squared.sqrt();
+    if length - TILT_SIGMAS * sigma >= smallest && significance >= SIGNIFICANT_TILT {
         return Ok(());
     }
     Err(Error::degenerate(
