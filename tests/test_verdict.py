@@ -15,6 +15,7 @@ from epiline.sources import open_source
 from epiline.targets import Corners, Observations, View
 from epiline.verdict import expected_misalignment_px, judge, vertical_sigma_px
 from epiline.verdict.coverage import coverage_of
+from epiline.verdict.lens import misfit
 from epiline.verdict.residuals import view_errors
 from epiline.verdict.rig import Rig
 
@@ -167,6 +168,41 @@ def test_areas_are_named_as_a_person_sees_them(truth: ep.StereoCalibration) -> N
     coverage = coverage_of(found, replace(views, views=(view,)))
     assert coverage.missing_areas == tuple(f"bottom {at} of both pictures" for at in ("left", "middle", "right"))
     assert coverage.share[0] == pytest.approx(54 / 81, abs=0.02)
+
+
+def wide(lens: str) -> ep.StereoCalibration:
+    """A rig of 110 degrees, whose lens no polynomial of k1 and k2 follows."""
+    coefficients = {"kannala-brandt": [-0.02, 0.01, -0.004, 0.001], "brown-conrady": [-0.05, 0.01, 1e-3, -3e-4, 0.0]}
+    cameras = [
+        ep.CameraModel([[f, 0, cx], [0, f, 238], [0, 0, 1]], coefficients[lens], width=640, height=480, lens=lens)  # type: ignore[arg-type]
+        for f, cx in ((300, 322), (302, 316))
+    ]
+    return ep.StereoCalibration(*cameras, np.eye(3), [-0.08, 0, 0])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_lens_that_its_model_does_not_follow_is_said(seed: int) -> None:
+    """And which model does: by residuals that go with the radius, and by views that the fit did not see."""
+    rng = np.random.default_rng(seed)
+    # The boards come to the border of the picture, at 55 degrees.
+    options = {"count": 16, "depth_m": (0.12, 0.2), "spread": 3.2, "noise_px": 0.1}
+    fisheye = photographed(wide("kannala-brandt"), rng, **options)
+    found = ep.calibrate(fisheye)
+    bad = misfit(found, fisheye)
+    assert bad is not None
+    assert abs(bad.worst_px) > 0.1
+    verdict = judge(found, fisheye)
+    assert verdict.grade != "good"
+    (reason,) = [reason for reason in verdict.reasons if "does not follow" in reason and "px from its centre" in reason]
+    assert "'brown4' does not follow" in reason
+    assert "calibrate with model" in reason
+    named = reason.split("calibrate with model '")[1].split("'")[0]
+    better = ep.calibrate(fisheye, model=named)  # type: ignore[arg-type]
+    assert better.epipolar_error_px < 0.8 * found.epipolar_error_px
+    assert misfit(better, fisheye) is None
+    # The same boards through a lens that the model is made for: nothing to say.
+    plain = photographed(wide("brown-conrady"), rng, **options)
+    assert misfit(ep.calibrate(plain), plain) is None
 
 
 @pytest.mark.parametrize("name", ["opencv_bouguet", "boofcv_Bumblebee2_Chess"])

@@ -103,6 +103,7 @@ def judge(calibration: StereoCalibration, observations: Observations | None = No
         found.doubts += observations.remarks
         if text := refocused(calibration, observations):
             found.bars.append(text)
+        _judge_lens(calibration, observations, found)
         advice = _judge_coverage(calibration, observations, found)
     worst: Grade = "do not use" if found.bars else "usable" if found.doubts else "good"
     return Verdict(worst, tuple(found.bars + found.doubts), advice)
@@ -157,6 +158,22 @@ def _judge_views(calibration: StereoCalibration, found: _Reasons) -> None:
     if outlying:
         text = f"view {', '.join(outlying)} fits {_OUTLYING_VIEW:g} times worse than the others: look at it"
         found.doubts.append(text)
+
+
+def _judge_lens(calibration: StereoCalibration, observations: Observations, found: _Reasons) -> None:
+    from epiline.verdict.lens import misfit, remedy
+    from epiline.verdict.oddities import model_of
+
+    bad = misfit(calibration, observations)
+    if bad is None:
+        return
+    where = "outward" if bad.worst_px > 0 else "inward"
+    text = (
+        f"the lens model {model_of(calibration)!r} does not follow the {bad.side} lens: {bad.radius_px:.0f} px from "
+        f"its centre corners lie {abs(bad.worst_px):.2f} px {where} of their prediction; "
+        f"{remedy(calibration, observations)}"
+    )
+    found.grade(abs(bad.worst_px), 0.0, _USABLE_EPIPOLAR_PX, text)
 
 
 def _judge_coverage(calibration: StereoCalibration, observations: Observations, found: _Reasons) -> tuple[str, ...]:

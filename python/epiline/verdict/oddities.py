@@ -67,7 +67,7 @@ def refocused(calibration: StereoCalibration, observations: Observations) -> str
         return ""
     step = max(1, len(views) // _MAX_VIEWS)
     chosen = list(range(0, len(views), step))
-    model = _model_of(calibration)
+    model = model_of(calibration)
     whole = _fitted(observations, chosen, model)
     if whole is None:
         return ""
@@ -100,7 +100,7 @@ def refocused(calibration: StereoCalibration, observations: Observations) -> str
     )
 
 
-def _model_of(calibration: StereoCalibration) -> LensModel:
+def model_of(calibration: StereoCalibration) -> LensModel:
     """Under which lens a calibration was made."""
     models: dict[str, LensModel] = {"rational": "rational", "thin-prism": "thin-prism", "kannala-brandt": "fisheye"}
     plain: LensModel = "brown5" if calibration.left.distortion[-1] else "brown4"
