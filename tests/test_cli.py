@@ -70,6 +70,29 @@ def test_calibrate_writes_a_rig_and_a_report(
     assert ep.StereoCalibration.load(rig).baseline_m == pytest.approx(again["baseline_m"], rel=1e-12)
 
 
+def test_photographs_without_a_partner_inform_their_camera(
+    rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    boards = sorted((rendered / "boards").iterdir())
+    left, right = ([p for p in boards if side in p.name] for side in ("left", "right"))
+    assert len(left) == len(right) == 8
+    options = ("--board", "9x6", "--square", "40mm")
+    kept = [*left[:7], *right[:6], right[7]]
+    for source in (kept, ["--left", *left[:7], "--right", *right[:6], right[7]]):
+        # With seven on either side, --left and --right are pairs in their order: drop one more.
+        files = [path for path in source if path != right[5]]
+        text = output(capsys, "calibrate", *files, *options)
+        assert "5 of 8 pairs" in text
+        assert "3 views of one camera alone take part" in text
+        assert f"{left[6].name}: no pair, informs the left camera alone" in text
+        assert f"{right[7].name}: no pair, informs the right camera alone" in text
+        found = json.loads(output(capsys, "calibrate", *files, *options, "--json"))
+        assert len(found["view_rms_px"]) == 8
+        assert [view["alone"] for view in found["views"]] == [[]] * 5 + [["left"]] * 2 + [["right"]]
+    said = failure(capsys, "calibrate", "--left", *left[:2], "--right", right[4], *options)
+    assert "no two names belong together" in said
+
+
 def test_run_writes_a_json_line_per_frame(rendered: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = output(capsys, "run", rendered / "drive", "--rig", rendered / "rig.yaml", "--jsonl", "-")
     lines = [json.loads(line) for line in text.splitlines()]

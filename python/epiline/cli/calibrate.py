@@ -25,7 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "images", nargs="*", metavar="IMAGES", help="a folder of pairs, two folders or globs, or image files"
     )
-    parser.add_argument("--left", nargs="+", metavar="IMAGE", help="left photographs, instead of IMAGES")
+    parser.add_argument(
+        "--left",
+        nargs="+",
+        metavar="IMAGE",
+        help="left photographs, instead of IMAGES; as many as right ones: pairs in this order, else pairs by name",
+    )
     parser.add_argument("--right", nargs="+", metavar="IMAGE", help="right photographs, instead of IMAGES")
     parser.add_argument(
         "--board", required=True, metavar="9x6", help="columns x rows: inner corners, or squares of a ChArUco board"
@@ -133,28 +138,38 @@ def _board(args: argparse.Namespace) -> Board:
     return Charuco(columns=columns, rows=rows, square_m=square_m, marker_m=marker_m, dictionary=args.dictionary)
 
 
-def _photographs(args: argparse.Namespace) -> tuple[Sequence[Path], Sequence[Path]]:
-    from epiline.sources import ImagePairs, open_source
+def _photographs(args: argparse.Namespace) -> tuple[list[Path | None], list[Path | None]]:
+    """Left and right photographs, those of a pair at one place; None where a photograph has no partner."""
+    from epiline.sources import ImagePairs, open_source, pair_lists
 
     if bool(args.left) != bool(args.right) or bool(args.left) == bool(args.images):
         raise ValueError("give either IMAGES or both --left and --right")
     if args.left:
-        if len(args.left) != len(args.right):
+        lists = [Path(p) for p in args.left], [Path(p) for p in args.right]
+        if len(args.left) == len(args.right):
+            return [*lists[0]], [*lists[1]]
+        found = pair_lists(*lists)
+        if not found.pairs:
             raise ValueError(
-                f"--left has {len(args.left)} photographs, --right {len(args.right)}; each needs its partner"
+                f"--left has {len(args.left)} photographs, --right {len(args.right)}, and no two names belong together"
             )
-        return [Path(p) for p in args.left], [Path(p) for p in args.right]
-    source = open_source(args.images, unpaired="skip")
-    if not isinstance(source, ImagePairs):
-        raise ValueError(f"{' '.join(args.images)}: calibration needs photographs as separate left and right files")
-    for path in source.unpaired:
-        note(f"{path}: has no partner, left out")
-    return [pair.left for pair in source.pairs], [pair.right for pair in source.pairs]
+    else:
+        source = open_source(args.images, unpaired="skip")
+        if not isinstance(source, ImagePairs):
+            raise ValueError(f"{' '.join(args.images)}: calibration needs photographs as separate left and right files")
+        found = source.pairing
+    alone_left, alone_right = found.unpaired_left, found.unpaired_right
+    for paths, side in ((alone_left, "left"), (alone_right, "right")):
+        for path in paths:
+            note(f"{path}: has no partner, informs the {side} camera alone")
+    left = [*(pair.left for pair in found.pairs), *alone_left, *[None] * len(alone_right)]
+    right = [*(pair.right for pair in found.pairs), *[None] * len(alone_left), *alone_right]
+    return left, right
 
 
 def find(
-    left: Sequence[Path],
-    right: Sequence[Path],
+    left: Sequence[Path | None],
+    right: Sequence[Path | None],
     board: Board,
     *,
     half_window: int | None,
@@ -181,7 +196,10 @@ def find(
 def print_calibration(calibration: StereoCalibration, observations: Observations, verdict: Verdict) -> None:
     """The rig, its uncertainty, every rejected view with its reason, and the verdict."""
     for view in observations.rejected:
-        say(f"left out {view.name}: {view.reason}")
+        if view.sides_alone:
+            say(f"{view.name}: no pair, informs the {' and the '.join(view.sides_alone)} camera alone: {view.reason}")
+        else:
+            say(f"left out {view.name}: {view.reason}")
     for view in observations.accepted:
         if view.remark:
             say(f"{view.name}: {view.remark}")
@@ -252,6 +270,7 @@ def as_json(calibration: StereoCalibration, observations: Observations, verdict:
                 "left": v.name_left,
                 "right": v.name_right,
                 "accepted": v.accepted,
+                "alone": list(v.sides_alone),
                 "reason": v.reason,
                 "remark": v.remark,
             }

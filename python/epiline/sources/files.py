@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from epiline._images import read_image, size_of
 from epiline.sources.base import Frame, Image, Source
-from epiline.sources.pairing import ImagePair
+from epiline.sources.pairing import ImagePair, Pairing
 
 
 class _Item(NamedTuple):
@@ -48,16 +48,15 @@ class ImagePairs(_ImageFiles):
 
     Parameters
     ----------
-    pairs : sequence of ImagePair
-        At least one.
-    unpaired : sequence of Path
-        Images of the same place that were left out, kept for a report.
+    pairing : Pairing
+        At least one pair; images without a partner are no frames, and kept for who can use them.
     """
 
-    def __init__(self, pairs: Sequence[ImagePair], *, unpaired: Sequence[Path] = ()) -> None:
-        self.pairs = tuple(pairs)
-        self.unpaired = tuple(unpaired)
-        super().__init__([_Item(pair.left, pair.name, partial(_read_pair, pair)) for pair in pairs], "image pairs")
+    def __init__(self, pairing: Pairing) -> None:
+        self.pairing = pairing
+        self.pairs = pairing.pairs
+        items = [_Item(pair.left, pair.name, partial(_read_pair, pair)) for pair in pairing.pairs]
+        super().__init__(items, "image pairs")
 
 
 class SideBySideImages(_ImageFiles):

@@ -49,7 +49,7 @@ def open_source(
     layout : {"separate", "side-by-side"}
         ``"side-by-side"`` is what the prefix ``sbs:`` says.
     unpaired : {"error", "skip"}
-        What to do about a left image without its right one: refuse, or leave it out. The source's ``unpaired``
+        What to do about a left image without its right one: refuse, or leave it out. The source's ``pairing``
         lists what was left out.
 
     Returns
@@ -103,7 +103,7 @@ def _open_two(left: Path, right: Path, unpaired: Unpaired) -> Source:
     if kind == "video":
         return TwoVideos(left, right)
     if kind == "image":
-        return ImagePairs([ImagePair(left.stem, left, right)])
+        return ImagePairs(Pairing((ImagePair(left.stem, left, right),)))
     lists = [_images_in(path) if kind == "folder" else _expand(path) for path in (left, right)]
     return _image_pairs(pair_lists(*lists), f"{left} and {right}", unpaired)
 
@@ -190,4 +190,4 @@ def _image_pairs(pairing: Pairing, place: str, unpaired: Unpaired) -> ImagePairs
     if lost and unpaired == "error":
         names = ", ".join(str(file) for file in lost[:3]) + (", …" if len(lost) > 3 else "")
         raise ValueError(f"{place}: {len(lost)} images without a partner beside {len(pairing.pairs)} pairs: {names}")
-    return ImagePairs(pairing.pairs, unpaired=lost)
+    return ImagePairs(pairing)

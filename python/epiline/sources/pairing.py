@@ -47,10 +47,16 @@ class ImagePair:
 
 @dataclass(frozen=True)
 class Pairing:
-    """The pairs in natural order, and the images that have no partner."""
+    """The pairs in natural order, and the images of each side that have no partner."""
 
     pairs: tuple[ImagePair, ...]
-    unpaired: tuple[Path, ...]
+    unpaired_left: tuple[Path, ...] = ()
+    unpaired_right: tuple[Path, ...] = ()
+
+    @property
+    def unpaired(self) -> tuple[Path, ...]:
+        """Those of both sides."""
+        return tuple(sorted(self.unpaired_left + self.unpaired_right, key=natural_key))
 
 
 def natural_key(path: Path) -> tuple[tuple[int, int, str], ...]:
@@ -123,13 +129,13 @@ def pair_mixed(files: Sequence[Path]) -> Pairing:
 
 def _pair_by(left: Iterable[Path], right: Iterable[Path], key: Callable[[Path], str | None]) -> Pairing:
     by_side: list[dict[str, Path]] = []
-    unpaired: list[Path] = []
-    for files in (left, right):
+    unpaired: list[list[Path]] = [[], []]
+    for files, nameless in zip((left, right), unpaired, strict=True):
         table: dict[str, Path] = {}
         for file in files:
             name = key(file)
             if name is None:
-                unpaired.append(file)
+                nameless.append(file)
             elif name in table:
                 raise ValueError(f"{table[name]} and {file.name} would both be the same frame: rename one of them")
             else:
@@ -138,9 +144,10 @@ def _pair_by(left: Iterable[Path], right: Iterable[Path], key: Callable[[Path], 
     lefts, rights = by_side
     common = sorted(lefts.keys() & rights.keys(), key=lambda name: natural_key(lefts[name]))
     pairs = tuple(ImagePair(lefts[name].stem, lefts[name], rights[name]) for name in common)
-    unpaired += [file for name, file in lefts.items() if name not in rights]
-    unpaired += [file for name, file in rights.items() if name not in lefts]
-    return Pairing(pairs, tuple(sorted(unpaired, key=natural_key)))
+    unpaired[0] += [file for name, file in lefts.items() if name not in rights]
+    unpaired[1] += [file for name, file in rights.items() if name not in lefts]
+    alone_left, alone_right = (tuple(sorted(files, key=natural_key)) for files in unpaired)
+    return Pairing(pairs, alone_left, alone_right)
 
 
 def _side_and_rest(stem: str, *, numbered: bool) -> tuple[Literal["left", "right"] | None, str]:

@@ -99,6 +99,14 @@ class View:
             return np.empty(0, np.int64)
         return np.intersect1d(self.left.ids, self.right.ids, assume_unique=True)
 
+    @property
+    def sides_alone(self) -> tuple[Side, ...]:
+        """Cameras that a view which is no pair still informs, each by what it saw itself."""
+        if self.accepted or not self.usable_alone:
+            return ()
+        seen = ((side, self.seen(side)) for side in SIDES)
+        return tuple(side for side, corners in seen if corners is not None and len(corners.ids) >= MIN_CORNERS)
+
     def seen(self, side: Side) -> Corners | None:
         """What that camera saw."""
         return self.left if side == "left" else self.right
@@ -231,11 +239,10 @@ class Observations:
         """
         views = [CalibrationView.of(view.name_left, view.left, view.right) for view in self.accepted]
         for view in self.rejected:
-            if view.usable_alone:
-                if view.left is not None and len(view.left.ids) >= MIN_CORNERS:
-                    views.append(CalibrationView.of(view.name_left, view.left, None))
-                if view.right is not None and len(view.right.ids) >= MIN_CORNERS:
-                    views.append(CalibrationView.of(view.name_right, None, view.right))
+            if "left" in view.sides_alone:
+                views.append(CalibrationView.of(view.name_left, view.left, None))
+            if "right" in view.sides_alone:
+                views.append(CalibrationView.of(view.name_right, None, view.right))
         return views
 
     def __len__(self) -> int:
