@@ -34,6 +34,7 @@
 pub mod calibration;
 pub mod camera;
 pub mod error;
+pub mod ground;
 pub mod image;
 pub mod kernels;
 pub mod matching;
