@@ -7,6 +7,7 @@ mod calibration;
 mod camera;
 mod convert;
 mod drift;
+mod ground;
 mod matching;
 mod obstacles;
 mod pipeline;
@@ -28,6 +29,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     matching::register(module)?;
     range::register(module)?;
     regions::register(module)?;
+    ground::register(module)?;
     obstacles::register(module)?;
     pipeline::register(module)?;
     Ok(())

@@ -2,19 +2,21 @@
 
 use nalgebra::Vector3;
 
+use super::profile::Profile;
 use crate::rectification::RectifiedGeometry;
 
-/// The ground in front of the camera: a plane, bent a little along the direction of view.
+/// The ground in front of the camera: a plane, and how the ground rises over it ahead.
 ///
 /// With the unit vector `n` down onto the plane and the camera's height `h`, points of the plane have `n·P = h`. By
 /// `P = (f·b / s)·ray` with `s = d + doffs_px` (eq. 2) its disparity is linear in the image:
 ///
 /// ```text
-/// s(x, y) = (b/h)·(n_x·(x - cx) + n_y·(y - cy) + n_z·f)
+/// p(x, y) = (b/h)·(n_x·(x - cx) + n_y·(y - cy) + n_z·f)
 /// ```
 ///
-/// and a pixel of disparity `d` lies `h·(1 - s(x, y) / (d + doffs_px))` above it. The bent ground rises by `κ·Z²/2` at
-/// depth `Z`; equating the two gives its disparity, the larger root of `s'² - s·s' - κ·(f·b)²/(2h) = 0`.
+/// and a pixel of disparity `d` lies `h·(s - p) / s` above the plane. Where the ground has the elevation `e(Z)`, it is
+/// seen where that equals `e`, that is, at `p = g(s) = s·(1 - e(f·b/s) / h)`, the profile of v-disparity; a pixel then
+/// lies `h·(g(s) - p) / s` above the ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundPlane {
     /// Distance of the left camera's centre from the plane, metres, positive.
@@ -23,8 +25,8 @@ pub struct GroundPlane {
     pub pitch_rad: f64,
     /// How far the image's right side hangs lower than its left, radians.
     pub roll_rad: f64,
-    /// How the ground bends along the direction of view, 1/m: it rises by half of this times the square of the depth.
-    pub curvature_per_m: f64,
+    /// How the ground rises and falls along the direction of view.
+    pub profile: Profile,
     /// Standard deviation of `camera_height_m`, metres.
     pub camera_height_sigma_m: f64,
     /// Standard deviation of `pitch_rad`, radians.
@@ -36,49 +38,34 @@ pub struct GroundPlane {
     coefficients: Coefficients,
 }
 
-/// `s(x, y) = by_x·x + by_y·y + at_origin`, pixels, and what bends it.
+/// `p(x, y) = by_x·x + by_y·y + at_origin`, pixels, and what turns disparities into depths.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Coefficients {
     by_x: f64,
     by_y: f64,
     at_origin: f64,
-    /// `κ·(f·b)²/(2h)`, px².
-    bend: f64,
     focal_baseline: f64,
     doffs_px: f64,
 }
 
 impl GroundPlane {
-    /// A plane known exactly.
+    /// A level plane known exactly; the camera's height is positive, the pitch less than a right angle.
     pub fn new(geometry: &RectifiedGeometry, camera_height_m: f64, pitch_rad: f64, roll_rad: f64) -> Self {
-        Self::curved(geometry, camera_height_m, pitch_rad, roll_rad, 0.0)
-    }
-
-    /// The same, bent along the direction of view.
-    pub fn curved(
-        geometry: &RectifiedGeometry,
-        camera_height_m: f64,
-        pitch_rad: f64,
-        roll_rad: f64,
-        curvature_per_m: f64,
-    ) -> Self {
-        let n = down(pitch_rad, roll_rad);
         let per_m = geometry.baseline_m / camera_height_m;
+        let n = down(pitch_rad, roll_rad);
         let (by_x, by_y) = (per_m * n.x, per_m * n.y);
-        let focal_baseline = geometry.focal_px * geometry.baseline_m;
         let coefficients = Coefficients {
             by_x,
             by_y,
             at_origin: per_m * n.z * geometry.focal_px - by_x * geometry.cx_px - by_y * geometry.cy_px,
-            bend: 0.5 * curvature_per_m * focal_baseline * focal_baseline / camera_height_m,
-            focal_baseline,
+            focal_baseline: geometry.focal_px * geometry.baseline_m,
             doffs_px: geometry.doffs_px,
         };
         Self {
             camera_height_m,
             pitch_rad,
             roll_rad,
-            curvature_per_m,
+            profile: Profile::level(camera_height_m),
             camera_height_sigma_m: 0.0,
             pitch_sigma_rad: 0.0,
             roll_sigma_rad: 0.0,
@@ -94,11 +81,8 @@ impl GroundPlane {
 
     /// Disparity of the ground at a pixel of the left image, px; `None` above its horizon.
     pub fn disparity_px(&self, x: f64, y: f64) -> Option<f64> {
-        let Coefficients { bend, doffs_px, .. } = self.coefficients;
-        let plane = self.from_infinity_px(x, y);
-        let root = plane * plane + 4.0 * bend;
-        let seen = 0.5 * (plane + root.max(0.0).sqrt());
-        (root >= 0.0 && seen > 0.0).then_some(seen - doffs_px)
+        let seen = self.seen_px(self.plane_px(x, y), 0.0);
+        (seen > 0.0).then_some(seen - self.coefficients.doffs_px)
     }
 
     /// How high the point seen at a pixel with a disparity is above the ground, metres; negative below it. The
@@ -106,13 +90,43 @@ impl GroundPlane {
     pub fn height_m(&self, x: f64, y: f64, disparity_px: f64) -> f64 {
         let Coefficients { focal_baseline, doffs_px, .. } = self.coefficients;
         let seen = disparity_px + doffs_px;
-        let depth_m = focal_baseline / seen;
-        let above_plane_m = self.camera_height_m * (1.0 - self.from_infinity_px(x, y) / seen);
-        above_plane_m - 0.5 * self.curvature_per_m * depth_m * depth_m
+        let above_plane_m = self.camera_height_m * (1.0 - self.plane_px(x, y) / seen);
+        above_plane_m - self.profile.elevation_m(focal_baseline / seen)
+    }
+
+    /// Depth of a disparity counted from infinity, metres.
+    pub(crate) fn depth_m(&self, seen_px: f64) -> f64 {
+        self.coefficients.focal_baseline / seen_px
+    }
+
+    /// Disparity of a depth, counted from infinity, px.
+    pub(super) fn seen_at_m(&self, depth_m: f64) -> f64 {
+        self.coefficients.focal_baseline / depth_m
+    }
+
+    /// The disparity, counted from infinity, at which something `height_m` above the ground is seen where the plane has
+    /// the disparity `plane_px`: the solution of `p = s·(1 - (e + height) / h)`, by fixed-point iteration. Zero where
+    /// there is none, above the horizon of that height.
+    pub(crate) fn seen_px(&self, plane_px: f64, height_m: f64) -> f64 {
+        // Elevations change by a share of the depth much less than one: each step gains a digit.
+        const STEPS: usize = 4;
+        let solve = |elevation_m: f64| {
+            let share = 1.0 - (elevation_m + height_m) / self.camera_height_m;
+            // What is as high as the camera is seen on the horizon at every disparity.
+            if share.abs() < 1e-6 { 0.0 } else { (plane_px / share).max(0.0) }
+        };
+        let mut seen = solve(0.0);
+        for _ in 0..STEPS {
+            if seen <= 0.0 {
+                break;
+            }
+            seen = solve(self.profile.elevation_m(self.depth_m(seen)));
+        }
+        seen
     }
 
     /// Disparity of the plane, counted from infinity; negative above the horizon.
-    fn from_infinity_px(&self, x: f64, y: f64) -> f64 {
+    pub(crate) fn plane_px(&self, x: f64, y: f64) -> f64 {
         let Coefficients { by_x, by_y, at_origin, .. } = self.coefficients;
         by_x * x + by_y * y + at_origin
     }
@@ -158,18 +172,21 @@ mod tests {
     }
 
     #[test]
-    fn heights_are_distances_from_the_bent_ground() {
+    fn heights_are_distances_from_the_profile() {
         let geometry = geometry();
-        for curvature_per_m in [0.0, 0.004, -0.002] {
-            let plane = GroundPlane::curved(&geometry, 0.7, 0.1, 0.05, curvature_per_m);
-            for (x, y, z) in [(40.0, 400.0, 1.5), (600.0, 100.0, 6.0), (320.0, 240.0, 20.0)] {
-                let point = geometry.point_m(x, y, geometry.disparity_px(z)).expect("in front");
-                let expected = 0.7 - plane.down().dot(&point) - 0.5 * curvature_per_m * z * z;
-                let got = plane.height_m(x, y, geometry.disparity_px(z));
-                assert!((got - expected).abs() < 1e-9, "{got} {expected}");
-            }
-            let ground_px = plane.disparity_px(320.0, 400.0).expect("below the horizon");
-            assert!(plane.height_m(320.0, 400.0, ground_px).abs() < 1e-9);
+        let mut plane = GroundPlane::new(&geometry, 0.7, 0.1, 0.05);
+        // A ramp of 1 in 12 from 2 m to 5 m.
+        plane.profile = Profile::from_fn(0.7, |depth_m| (depth_m - 2.0).clamp(0.0, 3.0) / 12.0);
+        for (x, y, z) in [(40.0, 400.0, 1.5), (600.0, 100.0, 6.0), (320.0, 240.0, 3.0)] {
+            let point = geometry.point_m(x, y, geometry.disparity_px(z)).expect("in front");
+            let expected = 0.7 - plane.down().dot(&point) - (z - 2.0_f64).clamp(0.0, 3.0) / 12.0;
+            let got = plane.height_m(x, y, geometry.disparity_px(z));
+            // Straight between the knots of the profile.
+            assert!((got - expected).abs() < 0.01, "{got} {expected}");
+        }
+        for y in [245.0, 260.0, 300.0, 400.0, 470.0] {
+            let ground_px = plane.disparity_px(320.0, y).expect("below the horizon");
+            assert!(plane.height_m(320.0, y, ground_px).abs() < 2e-3, "row {y}");
         }
     }
 

@@ -1,0 +1,61 @@
+//! The pixels that are asked where the ground is.
+
+use crate::matching::{DisparityMap, Validity};
+use crate::rectification::RectifiedGeometry;
+
+/// Columns and rows looked at, at most.
+const COLUMNS: usize = 80;
+const ROWS: usize = 120;
+
+/// A pixel with a disparity.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Sample {
+    /// Column and row from the principal point, px.
+    pub u: f32,
+    pub v: f32,
+    /// Disparity counted from infinity, px, positive.
+    pub seen_px: f32,
+}
+
+/// A grid of pixels with disparities, column after column; keeps its memory.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Samples {
+    pub all: Vec<Sample>,
+    /// Where each looked at column begins in `all`, and the end of the last.
+    pub column_starts: Vec<usize>,
+    /// Pixels that stand for one sample.
+    pub pixels_each: f64,
+}
+
+impl Samples {
+    /// Looks at a map of the geometry's size.
+    pub fn take(&mut self, disparity: &DisparityMap, geometry: &RectifiedGeometry) {
+        let (width, height) = (disparity.width(), disparity.height());
+        let (across, down) = (width.div_ceil(COLUMNS), height.div_ceil(ROWS));
+        self.all.clear();
+        self.column_starts.clear();
+        self.pixels_each = (across * down) as f64;
+        let doffs_px = geometry.doffs_px as f32;
+        for x in (across / 2..width).step_by(across) {
+            self.column_starts.push(self.all.len());
+            let u = (x as f64 - geometry.cx_px) as f32;
+            for y in (down / 2..height).step_by(down) {
+                let seen_px = f32::from(disparity.values.row(y)[x]) / f32::from(DisparityMap::SCALE) + doffs_px;
+                if Validity::has_value(disparity.validity.row(y)[x]) && seen_px > 0.0 {
+                    self.all.push(Sample { u, v: (y as f64 - geometry.cy_px) as f32, seen_px });
+                }
+            }
+        }
+        self.column_starts.push(self.all.len());
+    }
+
+    /// The samples of a looked at column.
+    pub fn column(&self, index: usize) -> &[Sample] {
+        &self.all[self.column_starts[index]..self.column_starts[index + 1]]
+    }
+
+    /// How many columns were looked at.
+    pub fn columns(&self) -> usize {
+        self.column_starts.len() - 1
+    }
+}
