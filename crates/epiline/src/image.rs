@@ -83,6 +83,16 @@ impl<'a, T> ImageRef<'a, T> {
         &self.data[y * self.stride..y * self.stride + self.width]
     }
 
+    /// Elements from the start of one row to the start of the next.
+    pub(crate) fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// Everything from column `x` of row `y` on, rows [`stride`](Self::stride) apart: for kernels, which see slices.
+    pub(crate) fn elements_from(&self, x: usize, y: usize) -> &'a [T] {
+        &self.data[y * self.stride + x..]
+    }
+
     /// All rows from the top.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = &'a [T]> + '_ {
         (0..self.height).map(|y| self.row(y))

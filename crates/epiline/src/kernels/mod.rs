@@ -3,9 +3,11 @@
 //! Kernels see slices, not images. The [`Kernels`] of a [`Level`] are a table of function pointers, filled with the
 //! references and overwritten upward; each entry computes the same bits at every level (`tests/simd_kernels.rs`).
 
+pub mod alignment;
 pub mod coarse;
 pub mod islands;
 mod level;
+pub mod remap;
 pub mod sad;
 pub mod select;
 pub mod semi_global;
@@ -15,8 +17,12 @@ pub mod xsobel;
 
 pub use level::{Level, simd_level};
 
+use alignment::corners::{GradientRow, HalveRow, MaximaRow, StrengthRow};
+use alignment::patches::{Correlate, PatchSums};
+use alignment::registration::{Gram, Interpolate, Project};
 use coarse::RefineRow;
 use islands::BreaksRow;
+use remap::RemapRow;
 use sad::{AddRow, RowShape, SadRow};
 use select::SelectRow;
 use semi_global::features::{CensusRow, ExtremesRow};
@@ -94,6 +100,16 @@ pub struct Kernels {
     boxes: kernel!(BoxRow),
     best_windows: kernel!(BestWindowsRow),
     best: kernel!(BestRow),
+    remap: kernel!(RemapRow),
+    halve: kernel!(HalveRow),
+    gradient: kernel!(GradientRow),
+    strength: kernel!(StrengthRow),
+    maxima: kernel!(MaximaRow),
+    patch_sums: kernel!(PatchSums),
+    correlate: kernel!(Correlate),
+    interpolate: kernel!(Interpolate),
+    project: kernel!(Project),
+    gram: kernel!(Gram),
 }
 
 impl Kernels {
@@ -126,6 +142,16 @@ impl Kernels {
             boxes: windowed::reference::box_row,
             best_windows: windowed::reference::best_windows_row,
             best: windowed::reference::best_row,
+            remap: remap::reference::remap_row,
+            halve: alignment::corners::halve_row,
+            gradient: alignment::corners::gradient_row,
+            strength: alignment::corners::strength_row,
+            maxima: alignment::corners::maxima_row,
+            patch_sums: alignment::patches::patch_sums,
+            correlate: alignment::patches::correlate,
+            interpolate: alignment::registration::interpolate,
+            project: alignment::registration::project,
+            gram: alignment::registration::gram,
         };
         #[cfg(target_arch = "x86_64")]
         {
@@ -155,6 +181,16 @@ impl Kernels {
                     boxes: windowed::vector::avx512::box_row,
                     best_windows: windowed::vector::avx512::best_windows_row,
                     best: windowed::vector::avx512::best_row,
+                    remap: remap::avx512::remap_row,
+                    halve: alignment::corners::halve::avx512,
+                    gradient: alignment::corners::gradient::avx512,
+                    strength: alignment::corners::strength::avx512,
+                    maxima: alignment::corners::maxima::avx512,
+                    patch_sums: alignment::patches::sums::avx512,
+                    correlate: alignment::patches::products::avx512,
+                    interpolate: alignment::registration::interpolated::avx512,
+                    project: alignment::registration::projected::avx512,
+                    gram: alignment::registration::products::avx512,
                     ..kernels
                 };
             }
@@ -184,6 +220,16 @@ impl Kernels {
                     boxes: windowed::vector::avx2::box_row,
                     best_windows: windowed::vector::avx2::best_windows_row,
                     best: windowed::vector::avx2::best_row,
+                    remap: remap::avx2::remap_row,
+                    halve: alignment::corners::halve::avx2,
+                    gradient: alignment::corners::gradient::avx2,
+                    strength: alignment::corners::strength::avx2,
+                    maxima: alignment::corners::maxima::avx2,
+                    patch_sums: alignment::patches::sums::avx2,
+                    correlate: alignment::patches::products::avx2,
+                    interpolate: alignment::registration::interpolated::avx2,
+                    project: alignment::registration::projected::avx2,
+                    gram: alignment::registration::products::avx2,
                     ..kernels
                 };
             }
@@ -206,6 +252,7 @@ impl Kernels {
                 boxes: windowed::vector::neon::box_row,
                 best_windows: windowed::vector::neon::best_windows_row,
                 best: windowed::vector::neon::best_row,
+                remap: remap::neon::remap_row,
                 ..kernels
             };
         }
@@ -390,6 +437,97 @@ impl Kernels {
         self.check_lanes(row.lanes);
         // SAFETY: the slices were checked; the table's level proves the instructions.
         unsafe { (self.best)(row) }
+    }
+
+    /// A row resampled through a table.
+    ///
+    /// # Panics
+    /// If the row has not the length, or the source not the size, of the table.
+    pub fn remap(&self, row: &mut RemapRow<'_>) {
+        row.check();
+        // SAFETY: the sizes were checked; the table's level proves the instructions.
+        unsafe { (self.remap)(row) }
+    }
+
+    /// A row at half the size.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands.
+    pub fn halve(&self, row: &mut HalveRow<'_>) {
+        row.check();
+        // SAFETY: the table's level proves the instructions.
+        unsafe { (self.halve)(row) }
+    }
+
+    /// Gradient products of a row, and their sums per column.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands.
+    pub fn gradient(&self, row: &mut GradientRow<'_>) {
+        row.check();
+        // SAFETY: the table's level proves the instructions.
+        unsafe { (self.gradient)(row) }
+    }
+
+    /// Smaller eigenvalues of a row.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands.
+    pub fn strength(&self, row: &mut StrengthRow<'_>) {
+        row.check();
+        // SAFETY: the table's level proves the instructions.
+        unsafe { (self.strength)(row) }
+    }
+
+    /// Local maxima of a row.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands.
+    pub fn maxima(&self, row: &mut MaximaRow<'_>) {
+        row.check();
+        // SAFETY: the table's level proves the instructions.
+        unsafe { (self.maxima)(row) }
+    }
+
+    /// Sums of patches.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or a patch does not lie inside.
+    pub fn patch_sums(&self, call: &mut PatchSums<'_>) {
+        call.check();
+        // SAFETY: the table's level proves the instructions.
+        unsafe { (self.patch_sums)(call) }
+    }
+
+    /// Products of a patch with others.
+    ///
+    /// # Panics
+    /// If a slice has not the length that the row's `check` demands, or a patch does not lie inside.
+    pub fn correlate(&self, call: &mut Correlate<'_>) {
+        call.check();
+        // SAFETY: the table's level proves the instructions.
+        unsafe { (self.correlate)(call) }
+    }
+
+    /// A patch between pixels.
+    ///
+    /// # Panics
+    /// If it does not lie inside.
+    pub fn interpolate(&self, call: &mut Interpolate<'_>) {
+        // SAFETY: the table's level proves the instructions.
+        unsafe { (self.interpolate)(call) }
+    }
+
+    /// Sums of products of a patch with a model's columns.
+    pub fn project(&self, call: &mut Project<'_>) {
+        // SAFETY: as above.
+        unsafe { (self.project)(call) }
+    }
+
+    /// Sums of products of a model's columns.
+    pub fn gram(&self, call: &mut Gram<'_>) {
+        // SAFETY: as above.
+        unsafe { (self.gram)(call) }
     }
 
     fn check_lanes(&self, lanes: usize) {

@@ -22,11 +22,17 @@ pub fn equalize_histogram(src: ImageRef<'_, u8>, dst: &mut Image<u8>) {
 }
 
 fn histogram(src: ImageRef<'_, u8>) -> [u32; 256] {
-    // Four counters per level: equal neighbours would otherwise wait for each other's store.
-    let mut lanes = [[0u32; 256]; 4];
+    // Eight counters per level: equal neighbours would otherwise wait for each other's store.
+    let mut lanes = [[0u32; 256]; 8];
     for row in src.rows() {
-        for (i, &w) in row.iter().enumerate() {
-            lanes[i % 4][usize::from(w)] += 1;
+        let (eights, rest) = row.as_chunks::<8>();
+        for eight in eights {
+            for (lane, &w) in lanes.iter_mut().zip(eight) {
+                lane[usize::from(w)] += 1;
+            }
+        }
+        for &w in rest {
+            lanes[0][usize::from(w)] += 1;
         }
     }
     std::array::from_fn(|level| lanes.iter().map(|lane| lane[level]).sum())

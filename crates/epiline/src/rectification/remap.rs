@@ -4,23 +4,8 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::image::{Image, ImageRef, check_sides};
-
-/// Fractional bits of a source position.
-const FRACTION_BITS: u32 = 8;
-/// One pixel in units of a source position.
-const ONE: u16 = 1 << FRACTION_BITS;
-
-/// Where one output pixel comes from: `(x, y)` is the upper left of its four source pixels; `right` and `down` are
-/// the weights, in 1/256, of the right against the left and the lower against the upper ones.
-///
-/// On the last column `right` is 256 of the column before, so that all four pixels always exist.
-#[derive(Debug, Clone, Copy, Default)]
-struct Tap {
-    x: u16,
-    y: u16,
-    right: u16,
-    down: u16,
-}
+use crate::kernels::remap::{FRACTION_BITS, ONE, RemapRow, Table, Tap};
+use crate::kernels::{Kernels, Level};
 
 /// A table that says, for every pixel of an image to make, which four pixels of a source it combines:
 /// eq. 4 of the paper, `I_new(x0,y0) = a1·I_old(x1,y1) + a2·I_old(x2,y2) + a3·I_old(x3,y3) + a4·I_old(x4,y4)`.
@@ -34,38 +19,47 @@ struct Tap {
 /// has no source: its value is 0 and so is its entry in [`valid`](Self::valid).
 #[derive(Debug, Clone)]
 pub struct Remap {
-    taps: Image<Tap>,
+    table: Table,
     valid: Image<u8>,
-    source_width: usize,
-    source_height: usize,
+    kernels: Kernels,
 }
 
 impl Remap {
     /// A table from `source_of(x, y)`: the source position (x, y), in pixels, of each output pixel, `None` where
     /// there is none. `size` and `source_size` are (width, height), pixels.
     pub fn from_fn(
+        size: (usize, usize),
+        source_size: (usize, usize),
+        source_of: impl Fn(usize, usize) -> Option<[f64; 2]> + Sync,
+    ) -> Result<Self> {
+        Self::with_level(size, source_size, source_of, Level::current())
+    }
+
+    /// The same with the kernels of `level`; its images are the same at every level.
+    pub fn with_level(
         (width, height): (usize, usize),
         (source_width, source_height): (usize, usize),
         source_of: impl Fn(usize, usize) -> Option<[f64; 2]> + Sync,
+        level: Level,
     ) -> Result<Self> {
         check_sides("output", width, height)?;
         check_sides("source", source_width, source_height)?;
-        let mut taps = Image::<Tap>::new(width, height);
-        let mut valid = Image::<u8>::new(width, height);
-        let rows = taps.as_mut_slice().par_chunks_mut(width).zip(valid.as_mut_slice().par_chunks_mut(width));
-        rows.enumerate().for_each(|(y, (taps, valid))| {
-            for (x, (tap, valid)) in taps.iter_mut().zip(valid).enumerate() {
-                let found = source_of(x, y).and_then(|[u, v]| {
+        let mut taps = vec![None; width * height];
+        taps.par_chunks_mut(width).enumerate().for_each(|(y, taps)| {
+            for (x, tap) in taps.iter_mut().enumerate() {
+                *tap = source_of(x, y).and_then(|[u, v]| {
                     let (x, right) = split(u, source_width)?;
                     let (y, down) = split(v, source_height)?;
                     Some(Tap { x, y, right, down })
                 });
-                if let Some(found) = found {
-                    (*tap, *valid) = (found, u8::MAX);
-                }
             }
         });
-        Ok(Self { taps, valid, source_width, source_height })
+        let has_source = taps.iter().map(|tap| if tap.is_some() { u8::MAX } else { 0 }).collect();
+        Ok(Self {
+            table: Table::new(&taps, width, (source_width, source_height)),
+            valid: Image::from_vec("valid", has_source, width, height)?,
+            kernels: Kernels::new(level),
+        })
     }
 
     /// 255 where the output pixel has a source, 0 where it has none.
@@ -79,40 +73,29 @@ impl Remap {
     ///
     /// [`Error::SizeMismatch`] unless `src` has the source size of the table.
     pub fn apply(&self, name: &'static str, src: ImageRef<'_, u8>, dst: &mut Image<u8>) -> Result<()> {
-        if (src.width(), src.height()) != (self.source_width, self.source_height) {
+        let (source_width, source_height) = self.table.source_size();
+        if (src.width(), src.height()) != (source_width, source_height) {
             return Err(Error::SizeMismatch {
                 first: name,
                 first_width: src.width(),
                 first_height: src.height(),
                 second: "the calibrated image",
-                second_width: self.source_width,
-                second_height: self.source_height,
+                second_width: source_width,
+                second_height: source_height,
             });
         }
-        dst.resize(self.taps.width(), self.taps.height());
-        // A source one pixel wide or high has no neighbour to combine with; the neighbour's weight is 0 there.
-        let (step_x, step_y) = (usize::from(src.width() > 1), usize::from(src.height() > 1));
-        for y in 0..self.taps.height() {
-            let combined = self.taps.row(y).iter().map(|tap| {
-                let (x1, y1) = (usize::from(tap.x), usize::from(tap.y));
-                let (upper, lower) = (src.row(y1), src.row(y1 + step_y));
-                bilinear(tap, [upper[x1], upper[x1 + step_x], lower[x1], lower[x1 + step_x]])
+        dst.resize(self.valid.width(), self.valid.height());
+        for y in 0..dst.height() {
+            self.kernels.remap(&mut RemapRow {
+                table: &self.table,
+                y,
+                source: src.elements_from(0, 0),
+                stride: src.stride(),
+                values: dst.row_mut(y),
             });
-            for ((value, &valid), out) in combined.zip(self.valid.row(y)).zip(dst.row_mut(y)) {
-                *out = value & valid;
-            }
         }
         Ok(())
     }
-}
-
-/// `a1·I1 + a2·I2 + a3·I3 + a4·I4`, rounded: upper left, upper right, lower left, lower right.
-fn bilinear(tap: &Tap, [i1, i2, i3, i4]: [u8; 4]) -> u8 {
-    let (right, down) = (u32::from(tap.right), u32::from(tap.down));
-    let (left, up) = (u32::from(ONE) - right, u32::from(ONE) - down);
-    let sum = (u32::from(i1) * left + u32::from(i2) * right) * up
-        + (u32::from(i3) * left + u32::from(i4) * right) * down;
-    ((sum + (1 << (2 * FRACTION_BITS - 1))) >> (2 * FRACTION_BITS)) as u8
 }
 
 /// Rounds a source coordinate to 1/256 px and splits it into the first of its two pixels and the weight of the

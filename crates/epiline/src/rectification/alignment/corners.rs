@@ -1,19 +1,18 @@
 //! Points that can be located in both directions, spread over the image.
 
-use std::cmp::Reverse;
+use std::ops::Range;
 
 use crate::image::{Image, ImageRef};
+use crate::kernels::Kernels;
+use crate::kernels::alignment::corners::{GradientRow, MaximaRow, RADIUS, StrengthRow, WINDOW};
 
-/// Half side of the window over which gradients are gathered, pixels.
-const RADIUS: usize = 3;
-const WINDOW: usize = 2 * RADIUS + 1;
 /// Weakest corner: a mean squared step of 5 grey levels across two pixels in the direction that has least of it.
 const MIN_STRENGTH: f32 = 25.0 * (WINDOW * WINDOW) as f32;
 
 /// How corners are spread: the strongest ones are taken from each cell of a grid.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Spread {
-    /// Number of cells along the longer side, at most 255.
+    /// Number of cells along the longer side.
     pub cells: usize,
     /// Smallest cell, pixels.
     pub min_cell_px: usize,
@@ -22,13 +21,12 @@ pub(super) struct Spread {
 }
 
 /// A corner at a whole pixel.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Corner {
     pub x: u16,
     pub y: u16,
     /// Place among the corners of its cell, strongest first.
     pub rank: u16,
-    cell: u16,
     strength: f32,
 }
 
@@ -37,12 +35,14 @@ pub(super) struct Corner {
 #[derive(Debug)]
 pub(super) struct CornerDetector {
     spread: Spread,
-    /// `gx²`, `gx·gy` and `gy²` of the last [`WINDOW`] rows, and their sums down each column. All sums stay below 2²⁴, so
-    /// single precision holds them exactly, and vectors of it multiply faster than those of integers.
+    kernels: Kernels,
+    /// Products of the gradients of the last [`WINDOW`] rows, and their sums down each column.
     products: Vec<[Vec<f32>; 3]>,
     columns: [Vec<f32>; 3],
     strength: Image<f32>,
-    is_maximum: Vec<bool>,
+    marks: Vec<u8>,
+    /// The strongest corners so far of every cell in a row of cells, strongest first.
+    cells: Vec<Vec<Corner>>,
     /// The corners found, from the top down and from left to right in each row.
     pub found: Vec<Corner>,
     /// Index into `found` of the first corner at or below each row; one entry more than there are rows.
@@ -50,13 +50,15 @@ pub(super) struct CornerDetector {
 }
 
 impl CornerDetector {
-    pub fn new(spread: Spread) -> Self {
+    pub fn new(spread: Spread, kernels: Kernels) -> Self {
         Self {
             spread,
+            kernels,
             products: Vec::new(),
             columns: Default::default(),
             strength: Image::default(),
-            is_maximum: Vec::new(),
+            marks: Vec::new(),
+            cells: Vec::new(),
             found: Vec::new(),
             row_starts: Vec::new(),
         }
@@ -70,11 +72,12 @@ impl CornerDetector {
         if width > 2 * margin && height > 2 * margin {
             self.measure_strength(image);
             self.collect_maxima(valid, margin);
-            self.thin_out();
         }
         self.row_starts.resize(height + 1, 0);
+        let mut seen = 0;
         for (y, start) in self.row_starts.iter_mut().enumerate() {
-            *start = self.found.partition_point(|corner| usize::from(corner.y) < y);
+            seen += self.found[seen..].iter().take_while(|corner| usize::from(corner.y) < y).count();
+            *start = seen;
         }
     }
 
@@ -82,126 +85,110 @@ impl CornerDetector {
     fn measure_strength(&mut self, image: ImageRef<'_, u8>) {
         let (width, height) = (image.width(), image.height());
         self.strength.resize(width, height);
-        self.strength.fill(0.0);
         self.products.resize_with(WINDOW, Default::default);
         for plane in self.products.iter_mut().flatten().chain(&mut self.columns) {
             plane.clear();
             plane.resize(width, 0.0);
         }
+        for y in 0..height {
+            if y < WINDOW - RADIUS || y + WINDOW - RADIUS > height {
+                self.strength.row_mut(y).fill(0.0);
+            }
+        }
         for y in 1..height - 1 {
-            let row = &mut self.products[y % WINDOW];
-            for (column, old) in self.columns.iter_mut().zip(row.iter()) {
-                column.iter_mut().zip(old).for_each(|(sum, old)| *sum -= old);
-            }
-            gradient_products(image, y, row);
-            for (column, new) in self.columns.iter_mut().zip(row.iter()) {
-                column.iter_mut().zip(new).for_each(|(sum, new)| *sum += new);
-            }
+            self.kernels.gradient(&mut GradientRow {
+                above: image.row(y - 1),
+                here: image.row(y),
+                below: image.row(y + 1),
+                products: self.products[y % WINDOW].each_mut().map(Vec::as_mut_slice),
+                columns: self.columns.each_mut().map(Vec::as_mut_slice),
+            });
             if y >= WINDOW {
-                smaller_eigenvalues(&self.columns, self.strength.row_mut(y - RADIUS));
+                let strength = self.strength.row_mut(y - RADIUS);
+                strength[..RADIUS].fill(0.0);
+                strength[width - RADIUS..].fill(0.0);
+                let columns = self.columns.each_ref().map(Vec::as_slice);
+                self.kernels.strength(&mut StrengthRow { columns, strength });
             }
         }
     }
 
+    /// Collects the strongest maxima of every cell.
     fn collect_maxima(&mut self, valid: Option<ImageRef<'_, u8>>, margin: usize) {
         let (width, height) = (self.strength.width(), self.strength.height());
         let cell_px = self.spread.cell_side_px(width, height);
-        let cells_across = width.div_ceil(cell_px);
-        self.is_maximum.clear();
-        self.is_maximum.resize(width, false);
+        let per_cell = self.spread.corners_per_cell(width, height);
+        self.cells.resize_with(self.cells.len().max(width.div_ceil(cell_px)), Vec::new);
+        self.cells.iter_mut().for_each(|cell| cell.reserve(per_cell));
+        self.marks.resize(width, 0);
         for y in margin..height - margin {
-            mark_maxima([y - 1, y, y + 1].map(|y| self.strength.row(y)), &mut self.is_maximum);
-            for x in margin..width - margin {
-                if self.is_maximum[x] && valid.is_none_or(|valid| is_valid_around(valid, x, y, margin)) {
-                    let cell = (y / cell_px * cells_across + x / cell_px) as u16;
-                    let strength = self.strength.row(y)[x];
-                    self.found.push(Corner { x: x as u16, y: y as u16, rank: 0, cell, strength });
+            let [above, here, below] = [y - 1, y, y + 1].map(|y| self.strength.row(y));
+            self.kernels.maxima(&mut MaximaRow {
+                above,
+                here,
+                below,
+                least: MIN_STRENGTH,
+                marks: &mut self.marks,
+            });
+            for x in marked(&self.marks, margin..width - margin) {
+                let strength = here[x];
+                let cell = &mut self.cells[x / cell_px];
+                if cell.len() == per_cell && cell[per_cell - 1].strength >= strength {
+                    continue;
                 }
+                let rank = cell.iter().take_while(|stronger| stronger.strength >= strength).count();
+                if valid.is_none_or(|valid| is_valid_around(valid, x, y, margin)) {
+                    cell.truncate(per_cell - 1);
+                    cell.insert(rank, Corner { x: x as u16, y: y as u16, rank: 0, strength });
+                }
+            }
+            if (y + 1) % cell_px == 0 || y + 1 == height - margin {
+                self.close_cells();
             }
         }
     }
 
-    /// Keeps the strongest corners of every cell.
-    fn thin_out(&mut self) {
-        let cell_px = self.spread.cell_side_px(self.strength.width(), self.strength.height());
-        let per_cell = (cell_px * cell_px / self.spread.area_per_corner_px) as u16;
-        // Strengths are positive: their bits sort as they do.
-        self.found.sort_unstable_by_key(|c| (c.cell, Reverse(c.strength.to_bits()), c.y, c.x));
-        let mut previous = None;
-        let mut rank = 0;
-        for corner in &mut self.found {
-            rank = if previous == Some(corner.cell) { rank + 1 } else { 0 };
-            previous = Some(corner.cell);
-            corner.rank = rank;
+    /// A row of cells is complete: its corners are handed over.
+    fn close_cells(&mut self) {
+        let first = self.found.len();
+        for cell in &mut self.cells {
+            for (rank, corner) in cell.drain(..).enumerate() {
+                self.found.push(Corner { rank: rank as u16, ..corner });
+            }
         }
-        self.found.retain(|corner| corner.rank < per_cell);
-        self.found.sort_unstable_by_key(|c| (c.y, c.x));
+        self.found[first..].sort_unstable_by_key(|corner| (corner.y, corner.x));
     }
 }
 
 impl Spread {
-    /// At most `cells`² cells, so that a cell's number fits 16 bits whatever the image.
-    fn cell_side_px(&self, width: usize, height: usize) -> usize {
+    pub fn cell_side_px(&self, width: usize, height: usize) -> usize {
         width.max(height).div_ceil(self.cells).max(self.min_cell_px)
+    }
+
+    /// Most corners that a cell keeps.
+    fn corners_per_cell(&self, width: usize, height: usize) -> usize {
+        self.cell_side_px(width, height).pow(2) / self.area_per_corner_px
+    }
+
+    /// How many cells there are.
+    pub fn cell_count(&self, width: usize, height: usize) -> usize {
+        let side = self.cell_side_px(width, height);
+        width.div_ceil(side) * height.div_ceil(side)
     }
 }
 
-/// Marks where the middle row is strong and no neighbour is stronger; of two equal ones the earlier counts.
-fn mark_maxima([above, here, below]: [&[f32]; 3], is_maximum: &mut [bool]) {
-    let inner = here.len() - 2;
-    let [north_west, north, north_east] = [0, 1, 2].map(|x| &above[x..x + inner]);
-    let [west, center, east] = [0, 1, 2].map(|x| &here[x..x + inner]);
-    let [south_west, south, south_east] = [0, 1, 2].map(|x| &below[x..x + inner]);
-    let marks = &mut is_maximum[1..=inner];
-    // No short circuit: whole vectors at a time beat a branch that textured pictures make unpredictable.
-    for i in 0..inner {
-        let it = center[i];
-        marks[i] = (it > MIN_STRENGTH)
-            & (it > north_west[i])
-            & (it > north[i])
-            & (it > north_east[i])
-            & (it > west[i])
-            & (it >= east[i])
-            & (it >= south_west[i])
-            & (it >= south[i])
-            & (it >= south_east[i]);
+/// The columns in a range whose marks are not 0.
+fn marked(marks: &[u8], range: Range<usize>) -> impl Iterator<Item = usize> {
+    fn of(first: usize, marks: &[u8]) -> impl Iterator<Item = usize> {
+        marks.iter().enumerate().filter(|(_, mark)| **mark != 0).map(move |(k, _)| first + k)
     }
+    let first = range.start;
+    // Few are marked: eight at a time are passed over.
+    let (eights, rest) = marks[range].as_chunks::<8>();
+    let somewhere = eights.iter().enumerate().filter(|(_, marks)| u64::from_ne_bytes(**marks) != 0);
+    somewhere.flat_map(move |(i, marks)| of(first + 8 * i, marks)).chain(of(first + 8 * eights.len(), rest))
 }
 
 pub(super) fn is_valid_around(valid: ImageRef<'_, u8>, x: usize, y: usize, margin: usize) -> bool {
     (y - margin..=y + margin).all(|y| valid.row(y)[x - margin..=x + margin].iter().all(|&v| v != 0))
-}
-
-/// Products of the central differences of row `y`; 0 in the first and last column.
-fn gradient_products(image: ImageRef<'_, u8>, y: usize, [xx, xy, yy]: &mut [Vec<f32>; 3]) {
-    let (above, here, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
-    let inner = 1..here.len() - 1;
-    let across = here.iter().zip(&here[2..]);
-    let down = above[inner.clone()].iter().zip(&below[inner.clone()]);
-    let outputs = xx[inner.clone()].iter_mut().zip(&mut xy[inner.clone()]).zip(&mut yy[inner]);
-    for (((west, east), (north, south)), ((xx, xy), yy)) in across.zip(down).zip(outputs) {
-        let gx = f32::from(*east) - f32::from(*west);
-        let gy = f32::from(*south) - f32::from(*north);
-        (*xx, *xy, *yy) = (gx * gx, gx * gy, gy * gy);
-    }
-}
-
-/// The smaller eigenvalue of the window around every pixel of a row whose window lies inside.
-fn smaller_eigenvalues(columns: &[Vec<f32>; 3], strength: &mut [f32]) {
-    let inner = strength.len().saturating_sub(2 * RADIUS);
-    // Equal lengths known beforehand: whole vectors at a time.
-    let [xx, xy, yy] = columns.each_ref().map(|column| -> [&[f32]; WINDOW] {
-        std::array::from_fn(|k| column.get(k..k + inner).unwrap_or_default())
-    });
-    if xx.iter().any(|part| part.len() != inner) {
-        return;
-    }
-    let sum = |c: &[&[f32]; WINDOW], i: usize| {
-        ((c[0][i] + c[1][i]) + (c[2][i] + c[3][i])) + ((c[4][i] + c[5][i]) + c[6][i])
-    };
-    for (i, strength) in strength[RADIUS..RADIUS + inner].iter_mut().enumerate() {
-        let (xx, xy, yy) = (sum(&xx, i), sum(&xy, i), sum(&yy, i));
-        let half_difference = 0.5 * (xx - yy);
-        *strength = 0.5 * (xx + yy) - (half_difference * half_difference + xy * xy).sqrt();
-    }
 }

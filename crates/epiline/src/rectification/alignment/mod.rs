@@ -5,23 +5,23 @@ mod patch;
 mod refine;
 
 use corners::{Corner, CornerDetector, Spread};
-use patch::Patch;
+use patch::{Comparison, Patches};
 
 use crate::error::{Error, Result};
 use crate::image::{Image, ImageRef};
+use crate::kernels::alignment::corners::HalveRow;
+use crate::kernels::{Kernels, Level};
 
 /// Fewest matches from which a residual is stated.
 pub const MIN_MATCHES: usize = 12;
-/// Corners of the images at half size, one of each cell looked for in the other image: enough for medians and slopes.
-const QUICK: Effort = Effort {
-    shrink: 2,
-    probes_per_cell: 1,
-    spread: Spread { cells: 20, min_cell_px: 12, area_per_corner_px: 72 },
-};
+/// Corners of the images at half size, the best of each cell looked for in the other image: enough for medians and
+/// slopes.
+const QUICK: Effort =
+    Effort { shrink: 2, probes: 300, spread: Spread { cells: 20, min_cell_px: 12, area_per_corner_px: 72 } };
 /// Every corner that there is at full size.
 const THOROUGH: Effort = Effort {
     shrink: 1,
-    probes_per_cell: u16::MAX,
+    probes: usize::MAX,
     spread: Spread { cells: 20, min_cell_px: 24, area_per_corner_px: 144 },
 };
 /// Least ZNCC of a match.
@@ -114,8 +114,10 @@ pub fn alignment_error(
 pub struct AlignmentMeter {
     options: AlignmentOptions,
     effort: Effort,
+    kernels: Kernels,
     left: View,
     right: View,
+    comparison: BestOf,
     residuals: Vec<f64>,
     result: AlignmentError,
 }
@@ -123,22 +125,30 @@ pub struct AlignmentMeter {
 impl AlignmentMeter {
     /// A meter. Fails if an option is out of its range.
     pub fn new(options: AlignmentOptions) -> Result<Self> {
-        Self::with_effort(options, QUICK)
+        Self::with_level(options, Level::current())
+    }
+
+    /// A meter that uses the kernels of `level`; its answers are the same at every level.
+    pub fn with_level(options: AlignmentOptions, level: Level) -> Result<Self> {
+        Self::with_effort(options, QUICK, level)
     }
 
     /// A meter that looks for every corner it finds: slower, and each match as good as before.
     pub(super) fn thorough(options: AlignmentOptions) -> Result<Self> {
-        Self::with_effort(options, THOROUGH)
+        Self::with_effort(options, THOROUGH, Level::current())
     }
 
-    fn with_effort(options: AlignmentOptions, effort: Effort) -> Result<Self> {
+    fn with_effort(options: AlignmentOptions, effort: Effort, level: Level) -> Result<Self> {
         options.validate()?;
         let (nan, matches) = (f64::NAN, Vec::new());
+        let kernels = Kernels::new(level);
         Ok(Self {
             options,
             effort,
-            left: View::new(effort),
-            right: View::new(effort),
+            kernels,
+            left: View::new(effort, kernels),
+            right: View::new(effort, kernels),
+            comparison: BestOf::default(),
             residuals: Vec::new(),
             result: AlignmentError { median_px: nan, signed_median_px: nan, spread_px: nan, matches },
         })
@@ -163,9 +173,13 @@ impl AlignmentMeter {
         self.left.describe(left, left_valid);
         self.right.describe(right, right_valid);
         self.result.matches.clear();
-        for probe in 0..self.left.patches.len() {
-            if self.left.corners.found[probe].rank < self.effort.probes_per_cell {
-                self.result.matches.extend(self.match_probe(probe, left, right));
+        let (width, height) = (left.width() / self.effort.shrink, left.height() / self.effort.shrink);
+        let cells = self.effort.spread.cell_count(width, height);
+        let probes_per_cell = self.effort.probes.div_ceil(cells.max(1));
+        for probe in 0..self.left.corners.found.len() {
+            if usize::from(self.left.corners.found[probe].rank) < probes_per_cell {
+                let found = self.match_probe(probe, left, right);
+                self.result.matches.extend(found);
             }
         }
         self.summarise();
@@ -173,7 +187,7 @@ impl AlignmentMeter {
     }
 
     fn match_probe(
-        &self,
+        &mut self,
         probe: usize,
         left: ImageRef<'_, u8>,
         right: ImageRef<'_, u8>,
@@ -182,21 +196,45 @@ impl AlignmentMeter {
         let (shrink, slack) = (self.effort.shrink, SAME_POINT_PX);
         let reach = num_disparities.div_ceil(shrink) + slack;
         let rows = max_offset_px.div_ceil(shrink) + slack;
+        let (here, there) = ((&self.left, left), (&self.right, right));
+        let found = self.comparison.find(&self.kernels, here, probe, there, [reach, slack], rows)?;
+        let back = self.comparison.find(&self.kernels, there, found, here, [slack, reach], rows)?;
         let corner = &self.left.corners.found[probe];
-        let found = self.right.best_match(&self.left.patches[probe], corner, [reach, slack], rows)?;
-        let there = &self.right.corners.found[found];
-        let back = self.left.best_match(&self.right.patches[found], there, [slack, reach], rows)?;
         if !self.left.corners.found[back].is_near(corner) {
             return None;
         }
-        let [here, there] = [corner, there].map(|corner| corner.position().map(|v| v * shrink));
-        let right_px = refine::locate(left, here, right, there)?;
+        let [here, there] =
+            [corner, &self.right.corners.found[found]].map(|corner| corner.position().map(|v| v * shrink));
+        let right_px = refine::locate(&self.kernels, left, here, right, there)?;
         let found = PointMatch { left_px: here.map(|v| v as f64), right_px };
         let disparity_px = found.left_px[0] - found.right_px[0];
         let looked_at = disparity_px > -1.0
             && disparity_px <= num_disparities as f64
             && found.vertical_px().abs() <= max_offset_px as f64;
         looked_at.then_some(found)
+    }
+
+    /// The same point in both images, located precisely from where it is known to a pixel or two: x, y in the left and
+    /// in the right image. `None` at the images' edges, near pixels without a source and where nothing can be located.
+    pub(super) fn locate_near(
+        &self,
+        images: [ImageRef<'_, u8>; 2],
+        valid: [ImageRef<'_, u8>; 2],
+        start_px: [[f64; 2]; 2],
+    ) -> Option<PointMatch> {
+        let whole = |side: usize| -> Option<[usize; 2]> {
+            let limits = [images[side].width(), images[side].height()];
+            let mut at = [0; 2];
+            for axis in 0..2 {
+                let value = start_px[side][axis].round();
+                let inside = refine::MARGIN as f64..(limits[axis].saturating_sub(refine::MARGIN)) as f64;
+                at[axis] = inside.contains(&value).then_some(value as usize)?;
+            }
+            corners::is_valid_around(valid[side], at[0], at[1], refine::MARGIN).then_some(at)
+        };
+        let (left, right) = (whole(0)?, whole(1)?);
+        let right_px = refine::locate(&self.kernels, images[0], left, images[1], right)?;
+        Some(PointMatch { left_px: left.map(|v| v as f64), right_px })
     }
 
     fn summarise(&mut self) {
@@ -218,35 +256,13 @@ impl AlignmentMeter {
     }
 }
 
-/// The same point in both images, located precisely from where it is known to a pixel or two: x, y in the left and in
-/// the right image. `None` at the images' edges, near pixels without a source and where nothing can be located.
-pub(super) fn locate_near(
-    images: [ImageRef<'_, u8>; 2],
-    valid: [ImageRef<'_, u8>; 2],
-    start_px: [[f64; 2]; 2],
-) -> Option<PointMatch> {
-    let whole = |side: usize| -> Option<[usize; 2]> {
-        let limits = [images[side].width(), images[side].height()];
-        let mut at = [0; 2];
-        for axis in 0..2 {
-            let value = start_px[side][axis].round();
-            let inside = refine::MARGIN as f64..(limits[axis].saturating_sub(refine::MARGIN)) as f64;
-            at[axis] = inside.contains(&value).then_some(value as usize)?;
-        }
-        corners::is_valid_around(valid[side], at[0], at[1], refine::MARGIN).then_some(at)
-    };
-    let (left, right) = (whole(0)?, whole(1)?);
-    let right_px = refine::locate(images[0], left, images[1], right)?;
-    Some(PointMatch { left_px: left.map(|v| v as f64), right_px })
-}
-
 /// How much is looked at.
 #[derive(Debug, Clone, Copy)]
 struct Effort {
     /// Corners are sought and compared in images smaller by this factor, 1 or 2.
     shrink: usize,
-    /// Strongest corners of every cell of the left image that are looked for in the right one.
-    probes_per_cell: u16,
+    /// About so many corners of the left image are looked for in the right one, the strongest of each cell.
+    probes: usize,
     spread: Spread,
 }
 
@@ -254,63 +270,82 @@ struct Effort {
 #[derive(Debug)]
 struct View {
     shrink: usize,
+    kernels: Kernels,
     /// The image at half size and its mask.
     half: [Image<u8>; 2],
     corners: CornerDetector,
-    patches: Vec<Patch>,
+    patches: Patches,
 }
 
 impl View {
-    fn new(effort: Effort) -> Self {
+    fn new(effort: Effort, kernels: Kernels) -> Self {
         Self {
             shrink: effort.shrink,
+            kernels,
             half: [Image::default(), Image::default()],
-            corners: CornerDetector::new(effort.spread),
-            patches: Vec::new(),
+            corners: CornerDetector::new(effort.spread, kernels),
+            patches: Patches::default(),
         }
     }
 
     fn describe(&mut self, image: ImageRef<'_, u8>, valid: Option<ImageRef<'_, u8>>) {
-        let Self { shrink, half: [half, half_valid], corners, patches } = self;
+        let Self { shrink, kernels, half: [half, half_valid], corners, patches } = self;
         let (mut image, mut valid) = (image, valid);
         if *shrink == 2 {
-            halve(image, half, |pixels| ((pixels.iter().map(|&p| u16::from(p)).sum::<u16>() + 2) >> 2) as u8);
+            halve(kernels, image, half);
             image = half.view();
             valid = valid.map(|mask| {
-                halve(mask, half_valid, |pixels| pixels.into_iter().fold(255, Ord::min));
+                halve_mask(mask, half_valid);
                 half_valid.view()
             });
         }
         // A patch must fit here, and the fit at full size there.
-        corners.detect(image, valid, (refine::MARGIN / *shrink + 1).max(patch::HALF));
-        patches.clear();
-        patches
-            .extend(corners.found.iter().map(|c| Patch::around(image, usize::from(c.x), usize::from(c.y))));
+        corners.detect(image, valid, (refine::MARGIN / *shrink + 1).max(patch::MARGIN));
+        patches.describe(kernels, image, &corners.found);
     }
 
-    /// The corner that looks most like `patch` within so many columns (to the left, to the right) and rows of
-    /// `from`, if it does so well and no other corner does nearly as well.
-    fn best_match(
-        &self,
-        patch: &Patch,
-        from: &Corner,
+    /// The image in which corners are compared, of which `full` is the full size.
+    fn compared<'a>(&'a self, full: ImageRef<'a, u8>) -> ImageRef<'a, u8> {
+        if self.shrink == 2 { self.half[0].view() } else { full }
+    }
+}
+
+/// Looks for a corner of one view in the other, and keeps its buffers.
+#[derive(Debug, Default)]
+struct BestOf {
+    candidates: Vec<usize>,
+    comparison: Comparison,
+}
+
+impl BestOf {
+    /// The corner in the view `there` that looks most like the one `here`, within so many columns (to the left, to the
+    /// right) and rows, if it does so well and no other corner does nearly as well.
+    fn find(
+        &mut self,
+        kernels: &Kernels,
+        (here, image): (&View, ImageRef<'_, u8>),
+        index: usize,
+        (there, other_image): (&View, ImageRef<'_, u8>),
         [left, right]: [usize; 2],
         rows: usize,
     ) -> Option<usize> {
-        let [x, y] = from.position();
-        let last_row = self.corners.row_starts.len() - 1;
-        let band = self.corners.row_starts[y.saturating_sub(rows)]
-            ..self.corners.row_starts[(y + rows + 1).min(last_row)];
+        let Self { candidates, comparison } = self;
+        let [x, y] = here.corners.found[index].position();
+        let (corners, row_starts) = (&there.corners.found, &there.corners.row_starts);
+        let last_row = row_starts.len() - 1;
+        let band = row_starts[y.saturating_sub(rows)]..row_starts[(y + rows + 1).min(last_row)];
         let columns = x.saturating_sub(left)..=x + right;
-        let candidates = || {
-            let in_band = band.clone().zip(&self.corners.found[band.clone()]);
-            in_band.filter(|(_, corner)| columns.contains(&usize::from(corner.x)))
-        };
-        let zncc = |index: usize| patch.zncc(&self.patches[index]);
-        let (best, score) =
-            candidates().map(|(index, _)| (index, zncc(index))).max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let elsewhere = candidates().filter(|(_, corner)| !corner.is_near(&self.corners.found[best]));
-        let next_score = elsewhere.map(|(index, _)| zncc(index)).fold(-1.0, f32::max);
+        candidates.clear();
+        candidates.extend(band.filter(|&other| columns.contains(&usize::from(corners[other].x))));
+        comparison.compare(
+            kernels,
+            (here.compared(image), &here.patches, index),
+            (there.compared(other_image), &there.patches, candidates),
+        );
+        let scored = || candidates.iter().copied().zip(comparison.zncc.iter().copied());
+        let (best, score) = scored().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let elsewhere = scored().filter(|(other, _)| !corners[*other].is_near(&corners[best]));
+        let next_score = elsewhere.map(|(_, score)| score).fold(-1.0, f32::max);
         let is_unique = 1.0 - score <= MAX_AMBIGUITY * (1.0 - next_score);
         (score >= MIN_ZNCC && is_unique).then_some(best)
     }
@@ -326,13 +361,23 @@ impl Corner {
     }
 }
 
-/// Combines four pixels into one; an odd last row or column is left out.
-fn halve(image: ImageRef<'_, u8>, half: &mut Image<u8>, combine: impl Fn([u8; 4]) -> u8) {
+/// The image at half size; an odd last row or column is left out.
+fn halve(kernels: &Kernels, image: ImageRef<'_, u8>, half: &mut Image<u8>) {
     half.resize(image.width() / 2, image.height() / 2);
+    let used = 2 * half.width();
     for y in 0..half.height() {
-        let (upper, lower) = (image.row(2 * y).as_chunks::<2>().0, image.row(2 * y + 1).as_chunks::<2>().0);
+        let [upper, lower] = [2 * y, 2 * y + 1].map(|y| &image.row(y)[..used]);
+        kernels.halve(&mut HalveRow { upper, lower, halved: half.row_mut(y) });
+    }
+}
+
+/// A mask at half size: not 0 where none of the four pixels is.
+fn halve_mask(mask: ImageRef<'_, u8>, half: &mut Image<u8>) {
+    half.resize(mask.width() / 2, mask.height() / 2);
+    for y in 0..half.height() {
+        let (upper, lower) = (mask.row(2 * y).as_chunks::<2>().0, mask.row(2 * y + 1).as_chunks::<2>().0);
         for ((out, a), b) in half.row_mut(y).iter_mut().zip(upper).zip(lower) {
-            *out = combine([a[0], a[1], b[0], b[1]]);
+            *out = a[0].min(a[1]).min(b[0]).min(b[1]);
         }
     }
 }

@@ -1,47 +1,85 @@
 //! Patches that compare by zero-mean normalised cross-correlation (ZNCC).
 
+use super::corners::Corner;
 use crate::image::ImageRef;
+use crate::kernels::Kernels;
+use crate::kernels::alignment::patches::{AREA, Correlate, PatchSums};
+use crate::kernels::alignment::{LANES, SIDE};
 
 /// Half side of a patch, pixels.
-pub(super) const HALF: usize = 6;
-/// Side of a patch, pixels.
-pub(super) const SIDE: usize = 2 * HALF + 1;
-/// Pixels in a patch.
-pub(super) const AREA: usize = SIDE * SIDE;
+pub(super) const HALF: usize = SIDE / 2;
+/// Room a patch needs on every side: its half, and one row for the elements beyond its last that a vector reads.
+pub(super) const MARGIN: usize = HALF + 1;
+const _: () = assert!(LANES - HALF <= 2 * MARGIN);
 
-/// Length of a normalised patch; cutting its entries to integers costs about 1/1000 of correlation.
-const LENGTH: f32 = 16_384.0;
-/// Entries of a patch, filled up with zeros to whole vectors.
-const LANES: usize = AREA.next_multiple_of(8);
+/// The patches around the corners of one image.
+#[derive(Debug, Default)]
+pub(super) struct Patches {
+    /// Where each begins in the image.
+    at: Vec<u32>,
+    sums: Vec<[u32; 2]>,
+    /// Of each, the sum of its levels and the reciprocal of `√(AREA·Σl² - (Σl)²)`; 0 if it is flat.
+    normals: Vec<(u32, f32)>,
+}
 
-/// A patch less its mean, scaled to one length: the product of two is their ZNCC.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Patch([i16; LANES]);
-
-impl Patch {
-    /// The patch around `(x, y)`, which lies at least [`HALF`] inside the image.
-    pub fn around(image: ImageRef<'_, u8>, x: usize, y: usize) -> Self {
-        let mut levels = [0u8; AREA];
-        for (row, y) in levels.chunks_exact_mut(SIDE).zip(y - HALF..) {
-            row.copy_from_slice(&image.row(y)[x - HALF..=x + HALF]);
-        }
-        let sum: u32 = levels.iter().map(|&level| u32::from(level)).sum();
-        let squares: u32 = levels.iter().map(|&level| u32::from(level) * u32::from(level)).sum();
-        let mean = sum as f32 / AREA as f32;
-        // AREA²·variance, exact: at most 169²·255² needs the 32 bits and no more.
-        let spread = AREA as u32 * squares - sum * sum;
-        let scale = if spread > 0 { LENGTH / (spread as f32 / AREA as f32).sqrt() } else { 0.0 };
-        let mut entries = [0i16; LANES];
-        for (entry, &level) in entries.iter_mut().zip(&levels) {
-            *entry = ((f32::from(level) - mean) * scale) as i16;
-        }
-        Self(entries)
+impl Patches {
+    /// Describes an image's corners, all at least [`MARGIN`] inside.
+    pub fn describe(&mut self, kernels: &Kernels, image: ImageRef<'_, u8>, corners: &[Corner]) {
+        let stride = image.stride();
+        let begin = |c: &Corner| (usize::from(c.y) - HALF) * stride + usize::from(c.x) - HALF;
+        self.at.clear();
+        self.at.extend(corners.iter().map(|corner| begin(corner) as u32));
+        self.sums.resize(corners.len(), [0; 2]);
+        kernels.patch_sums(&mut PatchSums {
+            image: image.elements_from(0, 0),
+            stride,
+            at: &self.at,
+            sums: &mut self.sums,
+        });
+        self.normals.clear();
+        self.normals.extend(self.sums.iter().map(|&[sum, squares]| {
+            // AREA²·variance, exact: at most 169²·255² needs the 32 bits and no more.
+            let spread = AREA as u32 * squares - sum * sum;
+            (sum, if spread > 0 { 1.0 / (spread as f32).sqrt() } else { 0.0 })
+        }));
     }
+}
 
-    /// Zero-mean normalised cross-correlation, -1 to 1; 0 if either patch is flat.
-    pub fn zncc(&self, other: &Self) -> f32 {
-        // Cauchy–Schwarz bounds the sum by LENGTH², which 32 bits hold.
-        let sum: i32 = self.0.iter().zip(&other.0).map(|(&a, &b)| i32::from(a) * i32::from(b)).sum();
-        sum as f32 / (LENGTH * LENGTH)
+/// A patch's comparison with some of another image's.
+#[derive(Debug, Default)]
+pub(super) struct Comparison {
+    at: Vec<u32>,
+    products: Vec<u32>,
+    /// ZNCC with each, -1 to 1; 0 if either is flat.
+    pub zncc: Vec<f32>,
+}
+
+impl Comparison {
+    /// Compares patch `index` of `patches` with the `candidates` among the `others`.
+    pub fn compare(
+        &mut self,
+        kernels: &Kernels,
+        (image, patches, index): (ImageRef<'_, u8>, &Patches, usize),
+        (other_image, others, candidates): (ImageRef<'_, u8>, &Patches, &[usize]),
+    ) {
+        self.at.clear();
+        self.at.extend(candidates.iter().map(|&other| others.at[other]));
+        self.products.resize(candidates.len(), 0);
+        kernels.correlate(&mut Correlate {
+            patch: &image.elements_from(0, 0)[patches.at[index] as usize..],
+            patch_stride: image.stride(),
+            image: other_image.elements_from(0, 0),
+            stride: other_image.stride(),
+            at: &self.at,
+            products: &mut self.products,
+        });
+        let (sum, scale) = patches.normals[index];
+        self.zncc.clear();
+        self.zncc.extend(candidates.iter().zip(&self.products).map(|(&other, &product)| {
+            let (other_sum, other_scale) = others.normals[other];
+            // Both products are below 2³¹.
+            let covariance = (AREA as u32 * product) as i32 - (sum * other_sum) as i32;
+            covariance as f32 * scale * other_scale
+        }));
     }
 }

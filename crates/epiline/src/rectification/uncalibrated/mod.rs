@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Vector2};
 
 use self::rig::{Lenses, Match, Rig, Unknowns};
 use self::view::View;
-use super::alignment::{AlignmentMeter, AlignmentOptions, PointMatch, locate_near};
+use super::alignment::{AlignmentMeter, AlignmentOptions, PointMatch};
 use crate::camera::CameraModel;
 use crate::error::Result;
 use crate::image::{Image, ImageRef};
@@ -209,7 +209,7 @@ fn rematch(
         let Some(start) = view.in_aligned(feature) else { continue };
         let is_same = |m: &PointMatch| (0..2).all(|i| (m.left_px[i] - start[0][i]).abs() < SAME_FEATURE_PX);
         if !found.iter().any(is_same) {
-            found.extend(locate_near(aligned, valid, start));
+            found.extend(meter.locate_near(aligned, valid, start));
         }
     }
     Ok(found.iter().filter_map(|m| view.in_photographs([m.left_px, m.right_px])).collect())
