@@ -124,7 +124,12 @@ def test_run_obeys_its_configuration(rendered: Path, tmp_path: Path, capsys: pyt
         ("[matcher]\nblock_size = 8", "block_size = 8"),
         ("[pipeline]\nequalize = 1", "pipeline.equalize = 1 is not a bool"),
         ("[pipelin]", "unknown table 'pipelin'"),
-        ("[[regions]]\nname = 'a'", "region 1 must have exactly"),
+        ("[[regions]]\nname = 'a'", "region 1 'a': must have exactly one of"),
+        ("[[regions]]\nx = 1", "region 1: must be a table with a name"),
+        ("[regions]\na = 'paper'\nb = 'paper'", "several sets of regions; choose one of a, b"),
+        ("[pipeline]\nregions = 'c'\n[regions]\na = 'paper'", "no set of regions 'c'"),
+        ("[pipeline]\nregions = 3", "pipeline.regions = 3 is not the name"),
+        ("[[regions]]\nname = 'a'\nheight_m = [0, 1]\nrange_m = [1, 2]", "region 1 'a': needs a [camera]"),
         ("matcher =", "run.toml"),
     ],
 )

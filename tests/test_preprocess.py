@@ -74,9 +74,21 @@ def test_low_pass_is_equation_7(shape: tuple[int, int], sigma: float) -> None:
     H = np.exp(-(u[None, :] ** 2 + v[:, None] ** 2) / (2 * sigma**2))
     spectrum = scipy.fft.fftshift(scipy.fft.fft2(image.astype(np.float64)))
     expected = scipy.fft.ifft2(scipy.fft.ifftshift(spectrum * H)).real
-    np.testing.assert_allclose(
-        ep.gaussian_low_pass(image, sigma=sigma), expected, atol=64 * 4 * np.finfo(np.float32).eps
-    )
+    exact = ep.gaussian_low_pass(image, sigma=sigma, method="frequency")
+    np.testing.assert_allclose(exact, expected, atol=64 * 4 * np.finfo(np.float32).eps)
+    np.testing.assert_allclose(ep.gaussian_low_pass(image, sigma=sigma), expected, atol=64 * 1e-4)
+
+
+@pytest.mark.parametrize("shape", [(480, 640), (240, 320)])
+@pytest.mark.parametrize("sigma", [3.0, 8.0, 21.0, 45.0])
+def test_fast_low_pass_is_equation_7_to_a_ten_thousandth(shape: tuple[int, int], sigma: float) -> None:
+    random = np.random.default_rng(int(sigma))
+    v, u = (np.arange(n) - n // 2 for n in shape)
+    H = np.exp(-(u[None, :] ** 2 + v[:, None] ** 2) / (2 * sigma**2))
+    for image in (random.choice([0.0, 1.0], shape), np.indices(shape).sum(axis=0) % 2, random.uniform(0, 1, shape)):
+        expected = scipy.fft.ifft2(scipy.fft.fft2(image) * scipy.fft.ifftshift(H)).real
+        ours = ep.gaussian_low_pass(image.astype(np.float32), sigma=sigma)
+        np.testing.assert_allclose(ours, expected, atol=1e-4)
 
 
 def test_low_pass_continues_periodically_and_keeps_the_mean() -> None:
@@ -91,6 +103,8 @@ def test_low_pass_continues_periodically_and_keeps_the_mean() -> None:
 def test_low_pass_refuses_a_sigma_that_is_none(sigma: float) -> None:
     with pytest.raises(ValueError, match=r"sigma = .* frequency samples"):
         ep.gaussian_low_pass(np.zeros((4, 4), np.float32), sigma=sigma)
+    with pytest.raises(ValueError, match="method = 'fast'"):
+        ep.gaussian_low_pass(np.zeros((4, 4), np.float32), sigma=1.0, method="fast")  # type: ignore[arg-type]
 
 
 def test_low_pass_names_the_pixel_that_is_not_finite() -> None:

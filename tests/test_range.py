@@ -71,6 +71,44 @@ def test_the_calibrations_uncertainty_adds_to_sigma(disparity: ep.DisparityMap) 
         ep.to_range(disparity, whole, disparity_sigma_px=-1)
 
 
+def test_sigma_by_confidence_is_the_equation_with_each_pixels_own() -> None:
+    rng = np.random.default_rng(8)
+    raw = np.full((60, 80), 20 * 16, np.uint16)
+    raw[:, 40:] = rng.integers(100, 600, (60, 40))
+    validity = np.where(rng.random((60, 80)) < 0.05, 4, 0).astype(np.uint8)
+    disparity = ep.DisparityMap(raw, validity, num_disparities=64)
+    geometry = ep.RectifiedGeometry(width=80, height=60, focal_px=412.5, cx_px=39.3, cy_px=28.8, baseline_m=0.117)
+    result = ep.to_range(disparity, geometry)
+    known = validity == 0
+    fb, z = 412.5 * 0.117, result.depth_m.astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        sigma_px = result.sigma_m / (result.range_m / z) * fb / z**2
+    confidence = disparity.confidence
+    assert np.isfinite(result.sigma_m[known]).all()
+    assert np.isnan(result.sigma_m[~known]).all()
+    # One value for each confidence, smaller for larger ones; full confidence and none as documented.
+    levels = np.unique(confidence[known])
+    mean = np.array([sigma_px[known & (confidence == level)].mean() for level in levels])
+    spread = np.array([np.ptp(sigma_px[known & (confidence == level)]) for level in levels])
+    assert levels.size > 20
+    assert (spread < 1e-5 * mean).all()
+    assert (np.diff(mean) < 0).all()
+    assert 0.15 * (1 - 1e-6) <= mean[-1] < 0.5 < mean[0] <= 1.95 * (1 + 1e-6)
+    np.testing.assert_array_equal(result.range_m, ep.to_range(disparity, geometry, disparity_sigma_px=0.2).range_m)
+
+
+def test_useful_depth_is_where_the_ranges_sigma_reaches_its_share() -> None:
+    geometry = ep.RectifiedGeometry(width=640, height=480, focal_px=500, cx_px=320, cy_px=240, baseline_m=0.12)
+    assert ep.useful_depth_m(geometry, 0.1) == pytest.approx(0.1 * 500 * 0.12 / 0.25)
+    assert ep.useful_depth_m(geometry, 0.1, disparity_sigma_px=0.5) == pytest.approx(0.1 * 500 * 0.12 / 0.5)
+    assert ep.useful_depth_m(geometry, 0.1, disparity_sigma_px=0) == np.inf
+    for bad in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="share = "):
+            ep.useful_depth_m(geometry, bad)
+    with pytest.raises(ValueError, match="disparity_sigma_px = -1 px"):
+        ep.useful_depth_m(geometry, 0.1, disparity_sigma_px=-1)
+
+
 # ---- the curve of eq. 6 ------------------------------------------------------------------------
 
 
@@ -145,7 +183,7 @@ def test_errors_and_intervals_are_those_of_scipys_covariance() -> None:
     np.testing.assert_allclose([ours.a, ours.b, ours.c, ours.d], best, rtol=1e-5)
     np.testing.assert_allclose(ours.covariance, covariance, rtol=2e-3, atol=1e-12)
     np.testing.assert_allclose(ours.standard_errors, np.sqrt(np.diag(covariance)), rtol=1e-3)
-    at = np.array([[5.0, 17.0], [33.0, 60.0]])
+    at = np.array([[5.0, 17.0], [33.0, 48.0]])
     e, g = np.exp(best[1] * at), np.exp(best[3] * at)
     gradient = np.stack([e, best[0] * at * e, g, best[2] * at * g], axis=-1)
     variance = np.sum((y - model(x, *best)) ** 2) / 20 + np.einsum("...i,ij,...j", gradient, covariance, gradient)
@@ -173,7 +211,58 @@ def test_predictions_keep_the_shape_of_their_argument() -> None:
     ours = ep.fit_range_curve(x.tolist(), (5 * np.exp(-0.1 * x) + 1).tolist())
     assert ours.predict(7.0).shape == ()
     assert float(ours.predict(7.0)) == pytest.approx(5 * np.exp(-0.7) + 1)
-    assert ours.predict(np.ones((2, 3, 4))[:, ::2]).shape == (2, 2, 4)
+    assert ours.predict(np.full((2, 3, 4), 5.0)[:, ::2]).shape == (2, 2, 4)
+
+
+def test_outside_the_fitted_span_a_prediction_warns() -> None:
+    x = np.linspace(2, 40, 12)
+    ours = ep.fit_range_curve(x, 5 * np.exp(-0.1 * x) + 1)
+    ours.predict(ours.span_px)
+    for outside in (1.9, 41.0, [3.0, 50.0, 60.0]):
+        first = next(v for v in np.atleast_1d(outside) if not 2 <= v <= 40)
+        with pytest.warns(UserWarning, match=f"disparity_px = {first:g} px: .* fitted to 2 to 40 px"):
+            ours.predict(outside)
+        with pytest.warns(UserWarning, match="fitted to 2 to 40 px"):
+            ours.predict_interval(outside)
+
+
+def contaminated(rng: np.random.Generator, count: int, wrong: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """A curve with noise of 2 cm, and some distances off by half a metre or more; not at the ends of the span."""
+    x = np.linspace(4, 50, count)
+    p = [rng.uniform(2, 8), -rng.uniform(0.05, 0.3), rng.uniform(0.5, 3), -rng.uniform(0.005, 0.03)]
+    y = curve(np.array(p), x) + rng.normal(0, 0.02, count)
+    places = np.sort(rng.choice(np.arange(3, count - 3), wrong, replace=False))
+    y[places] += rng.choice([-1, 1], wrong) * rng.uniform(0.5, 3, wrong)
+    return x, y, places
+
+
+def test_a_robust_fit_names_the_outliers_and_is_the_fit_of_the_rest() -> None:
+    rng = np.random.default_rng(6)
+    exact = 0
+    for _ in range(40):
+        x, y, wrong = contaminated(rng, 24, int(rng.integers(1, 5)))
+        ours = ep.fit_range_curve(x, y, robust=True)
+        assert set(wrong) <= set(ours.outliers.tolist())
+        exact += ours.outliers.size == wrong.size
+        kept = np.setdiff1d(np.arange(x.size), ours.outliers)
+        rest = ep.fit_range_curve(x[kept], y[kept])
+        assert (ours.a, ours.b, ours.c, ours.d) == (rest.a, rest.b, rest.c, rest.d)
+        assert ours.samples == kept.size
+        assert ours.rmse_m < 0.03
+    assert exact >= 32
+
+
+def test_a_robust_fit_of_good_data_is_the_plain_fit() -> None:
+    rng = np.random.default_rng(9)
+    same = 0
+    for _ in range(40):
+        x, y, _ = contaminated(rng, 24, 0)
+        plain, robust = ep.fit_range_curve(x, y), ep.fit_range_curve(x, y, robust=True)
+        same += robust.outliers.size == 0 and (plain.a, plain.d) == (robust.a, robust.d)
+        assert robust.outliers.size <= 3
+    assert same >= 32
+    exact = np.linspace(3, 40, 12)
+    assert ep.fit_range_curve(exact, 5 * np.exp(-0.1 * exact) + 1, robust=True).outliers.size == 0
 
 
 @pytest.mark.parametrize(

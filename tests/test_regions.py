@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
 import epiline as ep
 
@@ -40,6 +41,10 @@ def test_columns_are_brute_force(min_support: int) -> None:
     np.testing.assert_array_equal(profile.minimum_px, np.nanmin(values, axis=0))
     np.testing.assert_array_equal(profile.maximum_px, np.nanmax(values, axis=0))
     np.testing.assert_array_equal(profile.count, np.isfinite(values).sum(axis=0))
+    np.testing.assert_array_equal(profile.unknown, np.isnan(values).sum(axis=0))
+    np.testing.assert_allclose(profile.unknown_share, np.isnan(values).mean(axis=0), rtol=1e-6)
+    spread = stats.median_abs_deviation(values.astype(np.float64), axis=0, nan_policy="omit", scale="normal")
+    np.testing.assert_allclose(profile.spread_px, spread, rtol=1e-5)
     valid = values[np.isfinite(values)]
     np.testing.assert_array_equal(profile.histogram, np.bincount(np.floor(valid + 0.5).astype(int), minlength=28))
     assert profile.total == pytest.approx(valid.sum(dtype=np.float64))

@@ -16,6 +16,7 @@ from epiline._align import align
 from epiline._core import (
     AlignmentError,
     CameraModel,
+    CameraOverGround,
     DisparityMap,
     Drift,
     Error,
@@ -34,6 +35,7 @@ from epiline._core import (
     Rectifier,
     Region,
     RegionProfile,
+    Slab,
     StereoCalibration,
     StereoMatcher,
     ViewResidual,
@@ -51,6 +53,7 @@ from epiline._core import (
     realign,
     simd_level,
     to_range,
+    useful_depth_m,
     xsobel,
 )
 from epiline._operations import calibrate, match
@@ -58,13 +61,16 @@ from epiline.targets.boards import Charuco, Chessboard
 
 if TYPE_CHECKING:
     from epiline import tsai
+    from epiline._regions import RegionSet, read_region_sets, read_regions
     from epiline.evaluation import Evaluation, evaluate
+    from epiline.report import write_profile
     from epiline.sources import open_source
     from epiline.targets import Observations, find_boards
 
 __all__ = [
     "AlignmentError",
     "CameraModel",
+    "CameraOverGround",
     "Charuco",
     "Chessboard",
     "DisparityMap",
@@ -74,8 +80,8 @@ __all__ = [
     "FrameResult",
     "GroundEstimator",
     "GroundPlane",
-    "Observations",
     "Mounting",
+    "Observations",
     "Obstacle",
     "Outlier",
     "PairAlignment",
@@ -87,6 +93,8 @@ __all__ = [
     "Rectifier",
     "Region",
     "RegionProfile",
+    "RegionSet",
+    "Slab",
     "StereoCalibration",
     "StereoMatcher",
     "ViewResidual",
@@ -107,10 +115,14 @@ __all__ = [
     "open_source",
     "paper_regions",
     "profile",
+    "read_region_sets",
+    "read_regions",
     "realign",
     "simd_level",
     "to_range",
     "tsai",
+    "useful_depth_m",
+    "write_profile",
     "xsobel",
 ]
 
@@ -120,6 +132,10 @@ _LOADED_ON_USE = {
     "evaluate": "epiline.evaluation",
     "find_boards": "epiline.targets",
     "open_source": "epiline.sources",
+    "RegionSet": "epiline._regions",
+    "read_region_sets": "epiline._regions",
+    "read_regions": "epiline._regions",
+    "write_profile": "epiline.report",
 }
 
 

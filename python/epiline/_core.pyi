@@ -14,6 +14,7 @@ from epiline._typing import Floats, Image, Path
 __all__ = [
     "AlignmentError",
     "CameraModel",
+    "CameraOverGround",
     "DisparityMap",
     "Drift",
     "Error",
@@ -29,6 +30,7 @@ __all__ = [
     "Rectifier",
     "Region",
     "RegionProfile",
+    "Slab",
     "StereoCalibration",
     "StereoMatcher",
     "ViewResidual",
@@ -50,6 +52,7 @@ __all__ = [
     "simd_level",
     "to_range",
     "tsai_calibrate",
+    "useful_depth_m",
     "xsobel",
 ]
 
@@ -65,7 +68,9 @@ def simd_level() -> Literal["avx512", "avx2", "neon", "scalar"]: ...
 def grey(image: Image) -> Image: ...
 def equalize(image: Image) -> Image: ...
 def xsobel(image: Image, *, cap: int = 31) -> Image: ...
-def gaussian_low_pass(image: NDArray[np.float32], *, sigma: float) -> NDArray[np.float32]: ...
+def gaussian_low_pass(
+    image: NDArray[np.float32], *, sigma: float, method: Literal["auto", "frequency"] = "auto"
+) -> NDArray[np.float32]: ...
 
 # ---- camera ------------------------------------------------------------------------------------
 
@@ -460,8 +465,9 @@ def to_range(
     disparity: DisparityMap,
     geometry: RectifiedGeometry,
     *,
-    disparity_sigma_px: float = 0.25,
+    disparity_sigma_px: float | None = None,
 ) -> RangeImage: ...
+def useful_depth_m(geometry: RectifiedGeometry, share: float, *, disparity_sigma_px: float = 0.25) -> float: ...
 
 @final
 class RangeCurve:
@@ -483,12 +489,46 @@ class RangeCurve:
     def r_squared(self) -> float: ...
     @property
     def span_px(self) -> tuple[float, float]: ...
+    @property
+    def samples(self) -> int: ...
+    @property
+    def outliers(self) -> NDArray[np.int64]: ...
     def predict(self, disparity_px: ArrayLike) -> Floats: ...
     def predict_interval(self, disparity_px: ArrayLike, *, confidence: float = 0.95) -> tuple[Floats, Floats]: ...
 
-def fit_range_curve(disparity_px: ArrayLike, distance_m: ArrayLike) -> RangeCurve: ...
+def fit_range_curve(disparity_px: ArrayLike, distance_m: ArrayLike, *, robust: bool = False) -> RangeCurve: ...
 
 # ---- regions and obstacles ---------------------------------------------------------------------
+
+@final
+class CameraOverGround:
+    """How the left aligned camera stands over level ground."""
+
+    def __new__(cls, height_m: float, *, pitch_rad: float = 0.0, roll_rad: float = 0.0) -> CameraOverGround: ...
+    @property
+    def height_m(self) -> float: ...
+    @property
+    def pitch_rad(self) -> float: ...
+    @property
+    def roll_rad(self) -> float: ...
+
+@final
+class Slab:
+    """A part of space ahead of the rig: a layer over the ground between two ranges, of some width or any."""
+
+    def __new__(
+        cls,
+        *,
+        height_m: tuple[float, float],
+        range_m: tuple[float, float],
+        lateral_m: tuple[float, float] | None = None,
+    ) -> Slab: ...
+    @property
+    def height_m(self) -> tuple[float, float]: ...
+    @property
+    def range_m(self) -> tuple[float, float]: ...
+    @property
+    def lateral_m(self) -> tuple[float, float]: ...
 
 @final
 class Region:
@@ -503,6 +543,16 @@ class Region:
         disparities: tuple[int, int] | None = None,
         range_m: tuple[float, float] | None = None,
     ) -> Region: ...
+    @staticmethod
+    def from_shares(
+        name: str, *, x: float, y: float, width: float, height: float, image_size: tuple[int, int]
+    ) -> Region: ...
+    @staticmethod
+    def in_space(name: str, slab: Slab, camera: CameraOverGround, geometry: RectifiedGeometry) -> Region: ...
+    @property
+    def slab(self) -> Slab | None: ...
+    @property
+    def camera(self) -> CameraOverGround | None: ...
     @property
     def name(self) -> str: ...
     @property
@@ -531,11 +581,17 @@ class RegionProfile:
     @property
     def median_px(self) -> NDArray[np.float32]: ...
     @property
+    def spread_px(self) -> NDArray[np.float32]: ...
+    @property
     def minimum_px(self) -> NDArray[np.float32]: ...
     @property
     def maximum_px(self) -> NDArray[np.float32]: ...
     @property
     def count(self) -> NDArray[np.uint32]: ...
+    @property
+    def unknown(self) -> NDArray[np.uint32]: ...
+    @property
+    def unknown_share(self) -> NDArray[np.float32]: ...
     @property
     def nearest_range_m(self) -> NDArray[np.float32] | None: ...
     @property

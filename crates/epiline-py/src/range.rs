@@ -1,11 +1,16 @@
 //! Python face of `epiline::range`.
 
+use std::cell::Cell;
+use std::ffi::CString;
 use std::sync::Arc;
 
 use epiline::pipeline::FrameResult;
-use epiline::range::{RangeCurve, RangeImage, fit_range_curve, to_range};
+use epiline::range::{
+    RangeCurve, RangeImage, fit_range_curve, fit_range_curve_robustly, to_range, to_range_by_confidence,
+    useful_depth_m,
+};
 use numpy::{PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 
 use crate::convert::{OrRaise, image_array, vector_of};
@@ -17,6 +22,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyRangeImage>()?;
     module.add_class::<PyRangeCurve>()?;
     module.add_function(wrap_pyfunction!(py_to_range, module)?)?;
+    module.add_function(wrap_pyfunction!(py_useful_depth_m, module)?)?;
     module.add_function(wrap_pyfunction!(py_fit_range_curve, module)?)
 }
 
@@ -151,8 +157,8 @@ fn color_lookup(
 /// Depth, range and sigma of a disparity map.
 ///
 /// Z = focal_px * baseline_m / (d + doffs_px), equation 2 of the 2011 paper; range_m is Z times the length of the
-/// pixel's ray; sigma_m is made from Z**2 * disparity_sigma_px / (focal_px * baseline_m) and the calibration's own
-/// uncertainty.
+/// pixel's ray; sigma_m is made from Z**2 times the disparity's standard deviation / (focal_px * baseline_m) and the
+/// calibration's own uncertainty.
 ///
 /// Parameters
 /// ----------
@@ -160,8 +166,9 @@ fn color_lookup(
 ///     Disparities of the left image.
 /// geometry : RectifiedGeometry
 ///     Of the aligned pair, of the map's size.
-/// disparity_sigma_px : float
-///     Standard deviation of a disparity, px.
+/// disparity_sigma_px : float, optional
+///     Standard deviation of every disparity, px. By default each pixel has its own, by the map's confidence: 0.15 px
+///     where that is full to 2 px where there is next to none, as measured on scenes with ground truth.
 ///
 /// Returns
 /// -------
@@ -172,19 +179,49 @@ fn color_lookup(
 /// ValueError
 ///     Map and geometry differ in size, or a standard deviation that is negative or not finite.
 #[pyfunction]
-#[pyo3(name = "to_range", signature = (disparity, geometry, *, disparity_sigma_px = 0.25))]
+#[pyo3(name = "to_range", signature = (disparity, geometry, *, disparity_sigma_px = None))]
 fn py_to_range(
     py: Python<'_>,
     disparity: PyRef<'_, PyDisparityMap>,
     geometry: PyRectifiedGeometry,
-    disparity_sigma_px: f64,
+    disparity_sigma_px: Option<f64>,
 ) -> PyResult<PyRangeImage> {
     let (map, geometry) = (&disparity.inner, geometry.0);
     let image = py.detach(|| {
         let mut image = Box::new(RangeImage::new(&geometry));
-        to_range(map, &geometry, disparity_sigma_px, &mut image).map(|()| image)
+        match disparity_sigma_px {
+            Some(sigma_px) => to_range(map, &geometry, sigma_px, &mut image),
+            None => to_range_by_confidence(map, &geometry, &mut image),
+        }
+        .map(|()| image)
     });
     Ok(PyRangeImage(Holder::Own(image.or_raise()?)))
+}
+
+/// The depth up to which the standard deviation of a depth stays below a share of it, metres.
+///
+/// Parameters
+/// ----------
+/// geometry : RectifiedGeometry
+///     Of the aligned pair; what its calibration is uncertain of counts.
+/// share : float
+///     For example 0.1 for 10 %.
+/// disparity_sigma_px : float
+///     Standard deviation of a disparity, px.
+///
+/// Returns
+/// -------
+/// float
+///     Infinite where the share is never exceeded, 0 where it always is.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A share that is not positive, a standard deviation that is negative or not finite, or a cylindrical pair.
+#[pyfunction]
+#[pyo3(name = "useful_depth_m", signature = (geometry, share, *, disparity_sigma_px = 0.25))]
+fn py_useful_depth_m(geometry: PyRectifiedGeometry, share: f64, disparity_sigma_px: f64) -> PyResult<f64> {
+    useful_depth_m(&geometry.0, disparity_sigma_px, share).or_raise()
 }
 
 /// distance = a e^(b x) + c e^(d x), x a disparity in pixels, distance in metres: equation 6 of the 2011 paper.
@@ -204,6 +241,25 @@ fn elementwise<'py>(values: &Bound<'py, PyAny>, f: impl Fn(f64) -> PyResult<f64>
     let array = array.cast_into::<PyArrayDyn<f64>>()?;
     let mapped = array.readonly().as_array().iter().map(|&v| f(v)).collect::<PyResult<Vec<f64>>>()?;
     PyArray1::from_vec(py, mapped).reshape(array.shape())
+}
+
+impl PyRangeCurve {
+    /// Warns of the first disparity that the fit has not seen the like of.
+    fn warn_outside(&self, disparity_px: &Bound<'_, PyAny>) -> PyResult<()> {
+        let outside = Cell::new(None);
+        elementwise(disparity_px, |x| {
+            if !self.0.covers(x) && outside.get().is_none() {
+                outside.set(Some(x));
+            }
+            Ok(x)
+        })?;
+        let Some(x) = outside.get() else { return Ok(()) };
+        let (low, high) = self.0.span_px;
+        let message =
+            format!("disparity_px = {x} px: the curve was fitted to {low} to {high} px and is a guess there");
+        let message = CString::new(message).expect("numbers and words hold no zero byte");
+        PyErr::warn(disparity_px.py(), &disparity_px.py().get_type::<PyUserWarning>(), &message, 1)
+    }
 }
 
 #[pymethods]
@@ -263,8 +319,26 @@ impl PyRangeCurve {
         self.0.span_px
     }
 
+    /// How many pairs it was fitted to.
+    #[getter]
+    fn samples(&self) -> usize {
+        self.0.samples
+    }
+
+    /// (K,) int64: which of the pairs given were left out as outliers, by their place in the list.
+    #[getter]
+    fn outliers<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        PyArray1::from_iter(py, self.0.outliers.iter().map(|&place| place as i64))
+    }
+
     /// Distance, metres, at disparities in pixels; in the shape of its argument.
+    ///
+    /// Warns
+    /// -----
+    /// UserWarning
+    ///     A disparity outside span_px, where the curve is a guess.
     fn predict<'py>(&self, disparity_px: &Bound<'py, PyAny>) -> PyResult<Floats<'py>> {
+        self.warn_outside(disparity_px)?;
         elementwise(disparity_px, |x| Ok(self.0.predict(x)))
     }
 
@@ -286,12 +360,18 @@ impl PyRangeCurve {
     /// ------
     /// ValueError
     ///     A confidence outside (0, 1).
+    ///
+    /// Warns
+    /// -----
+    /// UserWarning
+    ///     A disparity outside span_px, where neither the curve nor its interval can be relied on.
     #[pyo3(signature = (disparity_px, *, confidence = 0.95))]
     fn predict_interval<'py>(
         &self,
         disparity_px: &Bound<'py, PyAny>,
         confidence: f64,
     ) -> PyResult<(Floats<'py>, Floats<'py>)> {
+        self.warn_outside(disparity_px)?;
         let interval = |x| self.0.predict_interval(x, confidence).or_raise();
         Ok((
             elementwise(disparity_px, |x| interval(x).map(|(low, _)| low))?,
@@ -314,6 +394,8 @@ impl PyRangeCurve {
 /// ----------
 /// disparity_px, distance_m : (N,) array_like
 ///     Measured pairs, in any order; at least 5, with at least 4 different disparities.
+/// robust : bool
+///     Leave out pairs that do not fit with most of the others; the curve's `outliers` are their places in the list.
 ///
 /// Returns
 /// -------
@@ -326,13 +408,15 @@ impl PyRangeCurve {
 /// epiline.Error
 ///     Fewer than 4 different disparities.
 #[pyfunction]
-#[pyo3(name = "fit_range_curve")]
+#[pyo3(name = "fit_range_curve", signature = (disparity_px, distance_m, *, robust = false))]
 fn py_fit_range_curve(
     py: Python<'_>,
     disparity_px: &Bound<'_, PyAny>,
     distance_m: &Bound<'_, PyAny>,
+    robust: bool,
 ) -> PyResult<PyRangeCurve> {
     let disparity_px = vector_of("disparity_px", disparity_px)?;
     let distance_m = vector_of("distance_m", distance_m)?;
-    py.detach(|| fit_range_curve(&disparity_px, &distance_m)).map(PyRangeCurve).or_raise()
+    let fit = if robust { fit_range_curve_robustly } else { fit_range_curve };
+    py.detach(|| fit(&disparity_px, &distance_m)).map(PyRangeCurve).or_raise()
 }

@@ -1,7 +1,8 @@
 //! Python face of `epiline::regions`.
 
 use epiline::regions::{
-    NearestSurface, ProfileParams, Region, RegionProfile, Search, paper_regions, profile,
+    CameraOverGround, NearestSurface, ProfileParams, Region, RegionProfile, Search, Slab, paper_regions,
+    profile,
 };
 use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
@@ -13,10 +14,120 @@ use crate::rectification::PyRectifiedGeometry;
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PyCameraOverGround>()?;
+    module.add_class::<PySlab>()?;
     module.add_class::<PyRegion>()?;
     module.add_class::<PyRegionProfile>()?;
     module.add_function(wrap_pyfunction!(py_paper_regions, module)?)?;
     module.add_function(wrap_pyfunction!(py_profile, module)?)
+}
+
+/// How the left aligned camera stands over level ground.
+///
+/// Angles are those of REP 103's body frame (x forward, y left, z up): turned by `roll_rad` about x, then by `pitch_rad`
+/// about y.
+///
+/// Parameters
+/// ----------
+/// height_m : float
+///     Height of the camera's centre above the ground, metres.
+/// pitch_rad : float
+///     Positive looks down.
+/// roll_rad : float
+///     Positive lowers the right side.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A height that is not positive, an angle of a right angle or more.
+#[pyclass(name = "CameraOverGround", module = "epiline", frozen, eq, from_py_object)]
+#[derive(Clone, Copy, PartialEq)]
+pub struct PyCameraOverGround(pub CameraOverGround);
+
+#[pymethods]
+impl PyCameraOverGround {
+    #[new]
+    #[pyo3(signature = (height_m, *, pitch_rad = 0.0, roll_rad = 0.0))]
+    fn new(height_m: f64, pitch_rad: f64, roll_rad: f64) -> PyResult<Self> {
+        let camera = CameraOverGround { height_m, pitch_rad, roll_rad };
+        camera.validate().map(|()| Self(camera)).or_raise()
+    }
+
+    /// Metres above the ground.
+    #[getter]
+    fn height_m(&self) -> f64 {
+        self.0.height_m
+    }
+
+    /// Radians, positive looks down.
+    #[getter]
+    fn pitch_rad(&self) -> f64 {
+        self.0.pitch_rad
+    }
+
+    /// Radians, positive lowers the right side.
+    #[getter]
+    fn roll_rad(&self) -> f64 {
+        self.0.roll_rad
+    }
+
+    fn __repr__(&self) -> String {
+        let CameraOverGround { height_m, pitch_rad, roll_rad } = self.0;
+        format!("CameraOverGround({height_m}, pitch_rad={pitch_rad}, roll_rad={roll_rad})")
+    }
+}
+
+/// A part of space ahead of the rig: a layer over the ground between two ranges, of some width or any.
+///
+/// Parameters
+/// ----------
+/// height_m : (float, float)
+///     Lowest and highest point above the ground, metres; either end may be infinite.
+/// range_m : (float, float)
+///     Nearest and furthest Euclidean range from the left camera, metres; the furthest may be infinite.
+/// lateral_m : (float, float), optional
+///     Leftmost and rightmost, metres; positive is to the right of the camera. Any by default.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A pair that is not in ascending order, or a nearest range that is not positive.
+#[pyclass(name = "Slab", module = "epiline", frozen, eq, from_py_object)]
+#[derive(Clone, Copy, PartialEq)]
+pub struct PySlab(pub Slab);
+
+#[pymethods]
+impl PySlab {
+    #[new]
+    #[pyo3(signature = (*, height_m, range_m, lateral_m = None))]
+    fn new(height_m: (f64, f64), range_m: (f64, f64), lateral_m: Option<(f64, f64)>) -> PyResult<Self> {
+        let any = Slab::new(height_m, range_m);
+        let slab = Slab { lateral_m: lateral_m.unwrap_or(any.lateral_m), ..any };
+        slab.validate().map(|()| Self(slab)).or_raise()
+    }
+
+    /// Lowest and highest point above the ground, metres.
+    #[getter]
+    fn height_m(&self) -> (f64, f64) {
+        self.0.height_m
+    }
+
+    /// Nearest and furthest Euclidean range, metres.
+    #[getter]
+    fn range_m(&self) -> (f64, f64) {
+        self.0.range_m
+    }
+
+    /// Leftmost and rightmost, metres; infinite where the slab does not end.
+    #[getter]
+    fn lateral_m(&self) -> (f64, f64) {
+        self.0.lateral_m
+    }
+
+    fn __repr__(&self) -> String {
+        let Slab { height_m, range_m, lateral_m } = self.0;
+        format!("Slab(height_m={height_m:?}, range_m={range_m:?}, lateral_m={lateral_m:?})")
+    }
 }
 
 /// A named box of pixels of the left aligned image: columns x to x + width - 1, rows y to y + height - 1.
@@ -72,6 +183,83 @@ impl PyRegion {
         Ok(Self(Region { search, ..region }))
     }
 
+    /// The part of an image between shares of its width and height.
+    ///
+    /// Parameters
+    /// ----------
+    /// name : str
+    ///     What results call it.
+    /// x, y, width, height : float
+    ///     Shares of the image, 0 to 1; edges are rounded to the nearest pixel.
+    /// image_size : (int, int)
+    ///     Width and height of the image, px.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     A share outside 0 to 1, or a box without a pixel.
+    #[staticmethod]
+    #[pyo3(signature = (name, *, x, y, width, height, image_size))]
+    fn from_shares(
+        name: &str,
+        x: f64,
+        y: f64,
+        width: f64,
+        height: f64,
+        image_size: (i64, i64),
+    ) -> PyResult<Self> {
+        let (image_width, image_height) =
+            (whole("image_size[0]", image_size.0)?, whole("image_size[1]", image_size.1)?);
+        Region::from_shares(name, [x, y, width, height], image_width, image_height).map(Self).or_raise()
+    }
+
+    /// The pixels that see a part of space, and the disparities of points in it.
+    ///
+    /// Parameters
+    /// ----------
+    /// name : str
+    ///     What results call it.
+    /// slab : Slab
+    ///     Which part of space.
+    /// camera : CameraOverGround
+    ///     How the left aligned camera stands.
+    /// geometry : RectifiedGeometry
+    ///     Projects one to the other.
+    ///
+    /// Returns
+    /// -------
+    /// Region
+    ///     Its box holds every pixel that a point of the slab falls on, and no row or column more than one beyond those;
+    ///     its disparities are those of all points of the slab and one pixel beyond. A profile of it reads only pixels
+    ///     whose points lie in the slab.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     No pixel sees the slab, or the pair is cylindrical.
+    #[staticmethod]
+    fn in_space(
+        py: Python<'_>,
+        name: &str,
+        slab: PySlab,
+        camera: PyCameraOverGround,
+        geometry: PyRectifiedGeometry,
+    ) -> PyResult<Self> {
+        py.detach(|| Region::in_space(name, slab.0, camera.0, &geometry.0)).map(Self).or_raise()
+    }
+
+    /// The part of space it was made from; None for a box of pixels.
+    #[getter]
+    fn slab(&self) -> Option<PySlab> {
+        self.0.space.map(|space| PySlab(space.slab))
+    }
+
+    /// How the camera stood that it was made for; None for a box of pixels.
+    #[getter]
+    fn camera(&self) -> Option<PyCameraOverGround> {
+        self.0.space.map(|space| PyCameraOverGround(space.camera))
+    }
+
     /// What results call it.
     #[getter]
     fn name(&self) -> &str {
@@ -121,7 +309,7 @@ impl PyRegion {
     }
 
     fn __repr__(&self) -> String {
-        let Region { name, x, y, width, height, search } = &self.0;
+        let Region { name, x, y, width, height, search, .. } = &self.0;
         let search = match search {
             None => String::new(),
             Some(Search::Disparities { first, count }) => format!(", disparities=({first}, {count})"),
@@ -184,6 +372,12 @@ impl PyRegionProfile {
         PyArray1::from_slice(py, &self.0.median_px)
     }
 
+    /// (W,) float32: 1.4826 times the median distance from the median of each column.
+    #[getter]
+    fn spread_px<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
+        PyArray1::from_slice(py, &self.0.spread_px)
+    }
+
     /// (W,) float32: smallest of each column.
     #[getter]
     fn minimum_px<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
@@ -200,6 +394,19 @@ impl PyRegionProfile {
     #[getter]
     fn count<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
         PyArray1::from_slice(py, &self.0.count)
+    }
+
+    /// (W,) uint32: pixels of each column that carry none. In a region of space (`region.slab`) the two need not make up
+    /// the column: a known point outside the slab is neither.
+    #[getter]
+    fn unknown<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        PyArray1::from_slice(py, &self.0.unknown)
+    }
+
+    /// (W,) float32: share of each column's pixels that carry no value, 0 to 1.
+    #[getter]
+    fn unknown_share<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
+        PyArray1::from_iter(py, self.0.unknown_shares())
     }
 
     /// (W,) float32: Euclidean range of `nearest_px`, metres; None without geometry.

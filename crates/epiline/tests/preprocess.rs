@@ -57,7 +57,7 @@ fn low_pass_is_the_definition_at_every_parity() {
         for sigma in [0.3, 1.5, 40.0] {
             let image = Image::from_fn(width, height, |_, _| (random() * 255.0) as f32);
             let mut filtered = Image::default();
-            let mut filter = GaussianLowPass::new(width, height, sigma).expect("legal");
+            let mut filter = GaussianLowPass::in_frequency_domain(width, height, sigma).expect("legal");
             filter.apply(image.view(), &mut filtered).expect("sizes agree");
             let expected = low_pass_by_definition(&image, sigma);
             for (got, want) in filtered.as_slice().iter().zip(expected.as_slice()) {
@@ -68,6 +68,46 @@ fn low_pass_is_the_definition_at_every_parity() {
                 );
             }
         }
+    }
+}
+
+/// Images that are hard to blur right: all frequencies, none but the highest, edges, single points.
+fn hard_images(width: usize, height: usize) -> Vec<Image<f32>> {
+    let mut random = noise(width as u64);
+    let corner = |x: usize, y: usize| x == 0 && y == height - 1;
+    vec![
+        Image::from_fn(width, height, |_, _| if random() < 0.5 { -255.0 } else { 255.0 }),
+        Image::from_fn(width, height, |x, y| if (x + y) % 2 == 0 { -255.0 } else { 255.0 }),
+        Image::from_fn(width, height, |x, y| if x / 7 % 2 == y / 5 % 2 { 0.0 } else { 255.0 }),
+        Image::from_fn(width, height, |x, y| if corner(x, y) { 255.0 } else { 0.0 }),
+        Image::from_fn(width, height, |_, _| 255.0),
+        // What leaving out samples folds most easily: the frequency of every second, third, fourth … sample.
+        Image::from_fn(width, height, |x, y| 255.0 * (x as f32 * 2.0).cos() * (y as f32 * 1.5).cos()),
+    ]
+}
+
+#[test]
+fn sums_over_neighbours_are_the_frequency_domains_to_a_ten_thousandth() {
+    let mut spatial = 0;
+    for (width, height) in [(320, 240), (640, 48), (97, 96), (256, 1), (2, 2), (360, 210)] {
+        for sigma in [0.3, 1.0, 2.5, 5.0, 8.0, 13.0, 20.0, 34.0, 60.0, 110.0, 400.0] {
+            let mut fast = GaussianLowPass::new(width, height, sigma).expect("legal");
+            let mut reference = GaussianLowPass::in_frequency_domain(width, height, sigma).expect("legal");
+            assert!(!reference.is_spatial());
+            spatial += usize::from(fast.is_spatial());
+            let (mut filtered, mut expected) = (Image::default(), Image::default());
+            for (i, image) in hard_images(width, height).iter().enumerate() {
+                fast.apply(image.view(), &mut filtered).expect("sizes agree");
+                reference.apply(image.view(), &mut expected).expect("sizes agree");
+                let off = filtered.as_slice().iter().zip(expected.as_slice()).map(|(a, b)| (a - b).abs());
+                let worst = off.fold(0.0, f32::max);
+                assert!(worst <= 1e-4 * 255.0, "{width}x{height} sigma {sigma}, image {i}: off by {worst}");
+            }
+        }
+    }
+    assert!(spatial > 25, "only {spatial} filters were sums over neighbours");
+    for sigma in [2.0, 5.0, 10.0, 20.0, 40.0] {
+        assert!(GaussianLowPass::new(640, 480, sigma).expect("legal").is_spatial(), "sigma {sigma}");
     }
 }
 

@@ -67,6 +67,13 @@ fn columns_match_brute_force() {
                 got.nearest_px[column]
             );
             assert!(same(got.median_px[column], median), "{context}");
+            let spread = median.map(|median| {
+                let mut off: Vec<f32> = sorted.iter().map(|d| (d - median).abs()).collect();
+                off.sort_by(f32::total_cmp);
+                1.482_602_2 * 0.5 * (off[(n - 1) / 2] + off[n / 2])
+            });
+            assert!(same(got.spread_px[column], spread), "{context}: {:?} {spread:?}", got.spread_px[column]);
+            assert_eq!(got.unknown[column] as usize, region.height - n, "{context}");
             assert!(same(got.minimum_px[column], sorted.first().copied()), "{context}");
             assert!(same(got.maximum_px[column], sorted.last().copied()), "{context}");
             let range_m = nearest.map(|d| {

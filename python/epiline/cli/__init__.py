@@ -19,6 +19,8 @@ _VERBS = (
     ("check-rig", "check_rig", "whether a rig still holds, from ordinary pairs"),
     ("match", "match", "disparity of one pair, as picture, array or point cloud"),
     ("run", "run", "the continuous process: pairs in, ranges and obstacles out"),
+    ("regions", "regions", "value against column of regions of one pair, as table and pictures"),
+    ("measure", "measure", "collect pairs of disparity and distance for fit-range"),
     ("fit-range", "fit_range", "fit distance = a e^(bx) + c e^(dx) to measured pairs"),
     ("evaluate", "evaluate", "accuracy against ground truth"),
     ("tune", "tune", "parameters for your own scenes, and why"),

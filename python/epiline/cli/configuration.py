@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from epiline._core import Region, StereoMatcher
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from epiline._core import RectifiedGeometry, Rectifier, Region, StereoCalibration, StereoMatcher
+from epiline._regions import RegionSet, choose_set, read_toml, region_sets
 
 _PIPELINE = {
     "equalize": bool,
@@ -30,14 +25,21 @@ class Configuration:
 
     matcher: dict[str, Any] = field(default_factory=dict)
     pipeline: dict[str, Any] = field(default_factory=dict)
-    regions: tuple[Region, ...] = ()
+    regions: RegionSet | None = None
+
+    def regions_for(self, rig: StereoCalibration | RectifiedGeometry) -> list[Region] | None:
+        """The regions as that rig's aligned left image shows them; None where the file is silent."""
+        if self.regions is None:
+            return None
+        return self.regions.place(geometry=Rectifier(rig).geometry if isinstance(rig, StereoCalibration) else rig)
 
 
 def read_configuration(path: Path) -> Configuration:
     """Reads and checks a configuration.
 
     The tables are ``[matcher]`` (parameters of :class:`epiline.StereoMatcher`), ``[pipeline]`` (options of
-    :class:`epiline.Pipeline`) and any number of ``[[regions]]`` (name, x, y, width, height in pixels).
+    :class:`epiline.Pipeline`; ``regions`` names one of several sets), and regions with their ``[camera]`` as
+    :func:`epiline.read_region_sets` describes them.
 
     Raises
     ------
@@ -46,17 +48,19 @@ def read_configuration(path: Path) -> Configuration:
     ValueError
         It is no TOML, or an entry is unknown or of the wrong type; the message names file and entry.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: {error}") from error
-    unknown = set(content) - {"matcher", "pipeline", "regions"}
+    content = read_toml(path)
+    unknown = set(content) - {"matcher", "pipeline", "regions", "camera"}
     if unknown:
-        raise ValueError(f"{path}: unknown table '{sorted(unknown)[0]}'; expected matcher, pipeline or regions")
+        raise ValueError(f"{path}: unknown table '{sorted(unknown)[0]}'; expected matcher, pipeline, regions or camera")
+    pipeline = dict(content.get("pipeline", {}))
+    chosen = pipeline.pop("regions", None)
+    if chosen is not None and not isinstance(chosen, str):
+        raise ValueError(f"{path}: pipeline.regions = {chosen!r} is not the name of a set of regions")
+    sets = region_sets(content, str(path)) if "regions" in content else {}
     return Configuration(
         matcher=_matcher(path, content.get("matcher", {})),
-        pipeline=_pipeline(path, content.get("pipeline", {})),
-        regions=tuple(_region(path, i, entry) for i, entry in enumerate(content.get("regions", []), start=1)),
+        pipeline=_pipeline(path, pipeline),
+        regions=choose_set(sets, chosen, str(path)) if sets or chosen is not None else None,
     )
 
 
@@ -81,13 +85,3 @@ def _pipeline(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         if not isinstance(value, (int, float) if kind is float else kind):
             raise ValueError(f"{path}: pipeline.{name} = {value!r} is not a {kind.__name__}")
     return table
-
-
-def _region(path: Path, number: int, entry: Any) -> Region:
-    names = ("name", "x", "y", "width", "height")
-    if not isinstance(entry, dict) or set(entry) != set(names):
-        raise ValueError(f"{path}: region {number} must have exactly {', '.join(names)}")
-    for name in names[1:]:
-        if not isinstance(entry[name], int) or isinstance(entry[name], bool) or entry[name] < 0:
-            raise ValueError(f"{path}: region {number}: {name} = {entry[name]!r} is not a whole number of pixels")
-    return Region(str(entry["name"]), x=entry["x"], y=entry["y"], width=entry["width"], height=entry["height"])

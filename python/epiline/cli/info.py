@@ -6,10 +6,20 @@ import argparse
 import os
 import platform
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from epiline._core import CameraModel, StereoCalibration, __version__, simd_level
+from epiline._core import (
+    CameraModel,
+    Rectifier,
+    StereoCalibration,
+    __version__,
+    default_disparities,
+    simd_level,
+    useful_depth_m,
+)
+from epiline.cli.arguments import positive, whole
 from epiline.cli.console import print_json, print_table
 
 _FORMATS = ("epiline", "opencv", "ros", "kalibr", "mrcal", "middlebury", "kitti")
@@ -28,6 +38,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", choices=_FORMATS, help="of the files written; by default their names decide")
     parser.add_argument(
         "--image-size", type=_size, metavar="WxH", help="of the photographs, px, for files that do not say"
+    )
+    parser.add_argument(
+        "--disparities", type=whole(1), metavar="N", help="of the rig's blind zone (default: a sixth of the width)"
+    )
+    parser.add_argument(
+        "--disparity-sigma",
+        type=positive,
+        default=0.25,
+        metavar="PX",
+        help="standard deviation of a disparity that useful ranges are for (default 0.25)",
     )
     parser.add_argument(
         "--unit", type=float, default=1.0, metavar="M", help="metres in a unit of length, for files that do not say"
@@ -86,6 +106,7 @@ def _run_rig(args: argparse.Namespace) -> None:
         "epipolar_error_px": rig.epipolar_error_px,
     }
     cameras = {"left": rig.left, "right": rig.right}
+    reach = _reach(rig, args.disparities, args.disparity_sigma)
     if args.json:
         described = {
             side: {
@@ -98,7 +119,7 @@ def _run_rig(args: argparse.Namespace) -> None:
             }
             for side, camera in cameras.items()
         }
-        print_json({**facts, **described})
+        print_json({**facts, **described, "reach": reach})
         return
     rows: list[tuple[str, object]] = []
     for side, camera in cameras.items():
@@ -111,7 +132,38 @@ def _run_rig(args: argparse.Namespace) -> None:
         ]
     rows.append(("baseline", f"{1e3 * rig.baseline_m:.3f} mm"))
     rows.append(("rms, held-out epipolar error", f"{rig.rms_px:.3f}, {rig.epipolar_error_px:.3f} px"))
+    rows += _reach_rows(reach)
     print_table("rig", ("", ""), rows)
+
+
+_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2)
+"""Standard deviations of a range, as shares of it, that useful ranges are printed for."""
+
+
+def _reach(rig: StereoCalibration, disparities: int | None, disparity_sigma_px: float) -> dict[str, Any]:
+    """Where the aligned pair measures: from the largest disparity searched to where the range grows too uncertain."""
+    geometry = Rectifier(rig).geometry
+    count = disparities or default_disparities(geometry.width)
+    useful = {share: useful_depth_m(geometry, share, disparity_sigma_px=disparity_sigma_px) for share in _SHARES}
+    return {
+        "num_disparities": count,
+        "disparity_sigma_px": disparity_sigma_px,
+        "blind_below_m": geometry.depth_m(count - 1),
+        "useful_depth_m": {f"{share:g}": depth_m for share, depth_m in useful.items()},
+    }
+
+
+def _reach_rows(reach: dict[str, Any]) -> list[tuple[str, object]]:
+    count, blind_m, sigma_px = reach["num_disparities"], reach["blind_below_m"], reach["disparity_sigma_px"]
+    rows: list[tuple[str, object]] = [("blind zone", f"below {blind_m:.3f} m with {count} disparities")]
+    title = "useful range"
+    for share, depth_m in reach["useful_depth_m"].items():
+        end = f"up to {depth_m:.2f} m" if depth_m > 0 else "nowhere: the calibration alone is worse"
+        beyond = "" if depth_m > blind_m or depth_m == 0 else ", inside the blind zone"
+        rows.append((title, f"sigma <= {100 * float(share):g} %: {end}{beyond}"))
+        title = ""
+    rows.append(("", f"depth Z, for a disparity sigma of {sigma_px:g} px and this calibration"))
+    return rows
 
 
 def _field_of_view(camera: CameraModel) -> tuple[float, float]:

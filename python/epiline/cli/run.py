@@ -93,7 +93,7 @@ def make_pipeline(
         settings["equalize"] = args.equalize
     if args.max_range is not None:
         settings["max_range_m"] = args.max_range
-    return Pipeline(rig, matcher=matcher, regions=config.regions or None, **settings)
+    return Pipeline(rig, matcher=matcher, regions=config.regions_for(rig), **settings)
 
 
 def _open_sink(path: str | None, stack: ExitStack) -> Any:

@@ -19,6 +19,7 @@ from epiline.report.model import (
     TruthRow,
     UncertaintyMap,
 )
+from epiline.report.profile_pictures import write_profile
 from epiline.report.recorder import FrameRecorder
 from epiline.report.render import render_html, write_report
 
@@ -39,5 +40,6 @@ __all__ = [
     "TruthRow",
     "UncertaintyMap",
     "render_html",
+    "write_profile",
     "write_report",
 ]

@@ -27,6 +27,8 @@ pub struct RangeCurve {
     pub span_px: (f64, f64),
     /// Pairs it was fitted to.
     pub samples: usize,
+    /// Which of the pairs given were left out as outliers, by their place in the list, ascending.
+    pub outliers: Vec<usize>,
     pub(super) uncertainty: Uncertainty,
 }
 
@@ -43,6 +45,11 @@ pub(super) struct Uncertainty {
 }
 
 impl RangeCurve {
+    /// Whether a disparity lies in the span that was fitted; elsewhere a prediction is a guess.
+    pub fn covers(&self, disparity_px: f64) -> bool {
+        (self.span_px.0..=self.span_px.1).contains(&disparity_px)
+    }
+
     /// Distance at a disparity, metres.
     pub fn predict(&self, disparity_px: f64) -> f64 {
         self.a * (self.b * disparity_px).exp() + self.c * (self.d * disparity_px).exp()

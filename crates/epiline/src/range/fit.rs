@@ -37,19 +37,51 @@ const MAX_ITERATIONS: usize = 400;
 /// [`Error::NotEnoughData`] for fewer than 5 pairs, [`Error::Degenerate`] for fewer than 4 different disparities.
 pub fn fit_range_curve(disparity_px: &[f64], distance_m: &[f64]) -> Result<RangeCurve> {
     let samples = Samples::new(disparity_px, distance_m)?;
-    let best = valley_starts(&samples)
+    Ok(finish(&samples, &lowest(&samples)))
+}
+
+/// Residuals, metres, in the order given, of the curve that makes the sum of weighted squares smallest. Weights are
+/// positive, one for each pair.
+///
+/// # Errors
+///
+/// As [`fit_range_curve`].
+pub(super) fn weighted_residuals_m(
+    disparity_px: &[f64],
+    distance_m: &[f64],
+    weights: &[f64],
+) -> Result<Vec<f64>> {
+    let mut samples = Samples::new(disparity_px, distance_m)?;
+    for (k, &place) in samples.places.iter().enumerate() {
+        samples.root_weights[k] = weights[place].sqrt();
+        samples.y[k] *= samples.root_weights[k];
+    }
+    let best = lowest(&samples);
+    let mut residuals_m = vec![0.0; weights.len()];
+    for (k, &place) in samples.places.iter().enumerate() {
+        residuals_m[place] = best.residual[k] / samples.root_weights[k];
+    }
+    Ok(residuals_m)
+}
+
+fn lowest(samples: &Samples) -> Projection {
+    valley_starts(samples)
         .into_iter()
-        .map(|start| descend(&samples, start))
+        .map(|start| descend(samples, start))
         .min_by(|one, other| one.sum_of_squares.total_cmp(&other.sum_of_squares))
-        .expect("a grid has a lowest point");
-    Ok(finish(&samples, &best))
+        .expect("a grid has a lowest point")
 }
 
 /// The pairs, sorted, with `t = (x - x_min) / (x_max - x_min)` in 0 to 1.
 struct Samples {
     x: Vec<f64>,
     t: Vec<f64>,
+    /// Distances times the roots of the weights, metres.
     y: Vec<f64>,
+    /// Roots of the weights; the columns of the model are multiplied by them.
+    root_weights: Vec<f64>,
+    /// Where each pair stood in the list given.
+    places: Vec<usize>,
     /// `x_max - x_min`.
     span: f64,
     /// Most negative and most positive rate worth trying, per unit of t.
@@ -78,9 +110,13 @@ impl Samples {
         if disparity_px.len() < 5 {
             return Err(Error::NotEnoughData { what, actual: disparity_px.len(), needed: 5 });
         }
-        let mut pairs: Vec<_> = disparity_px.iter().copied().zip(distance_m.iter().copied()).collect();
-        pairs.sort_by(|p, q| p.0.total_cmp(&q.0).then(p.1.total_cmp(&q.1)));
-        let (x, y): (Vec<f64>, Vec<f64>) = pairs.into_iter().unzip();
+        let mut places: Vec<usize> = (0..disparity_px.len()).collect();
+        let pair = |place: usize| (disparity_px[place], distance_m[place]);
+        places.sort_by(|&p, &q| {
+            let (p, q) = (pair(p), pair(q));
+            p.0.total_cmp(&q.0).then(p.1.total_cmp(&q.1))
+        });
+        let (x, y): (Vec<f64>, Vec<f64>) = places.iter().map(|&place| pair(place)).unzip();
         let mut distinct = x.clone();
         distinct.dedup();
         let [.., before_last, last] = distinct[..] else {
@@ -96,7 +132,8 @@ impl Samples {
         let limit = |gap: f64, end: f64| span * (STEEPEST_STEP / gap).min(LARGEST_EXPONENT / end.abs());
         let limits = [-limit(second - first, first), limit(last - before_last, last)];
         let t = x.iter().map(|x| (x - first) / span).collect();
-        Ok(Self { x, t, y, span, limits })
+        let root_weights = vec![1.0; x.len()];
+        Ok(Self { x, t, y, root_weights, places, span, limits })
     }
 }
 
@@ -225,6 +262,12 @@ impl Projection {
                 .map(|&t| ((slow * t - shifts[0]).exp(), (fast * t - shifts[1]).exp()))
                 .unzip();
         }
+        for (root_weight, (first, second)) in
+            samples.root_weights.iter().zip(first.iter_mut().zip(&mut second))
+        {
+            *first *= root_weight;
+            *second *= root_weight;
+        }
         // Gram–Schmidt, the second column twice: once leaves rounding of the size of what was removed.
         let r11 = dot(&first, &first).sqrt();
         first.iter_mut().for_each(|v| *v /= r11);
@@ -281,6 +324,9 @@ impl Projection {
             })
             .unzip();
         for derivative in [&mut by_first, &mut by_second] {
+            for (value, root_weight) in derivative.iter_mut().zip(&samples.root_weights) {
+                *value *= root_weight;
+            }
             for column in &self.basis {
                 let along = dot(column, derivative);
                 subtract(derivative, along, column);
@@ -453,6 +499,7 @@ fn finish(samples: &Samples, best: &Projection) -> RangeCurve {
         r_squared: if about_mean > 0.0 { 1.0 - about_curve / about_mean } else { 1.0 },
         span_px: (first, last),
         samples: samples.x.len(),
+        outliers: Vec::new(),
         uncertainty: Uncertainty {
             anchors_px: [end_of(b), end_of(d)],
             covariance: Matrix4::zeros(),

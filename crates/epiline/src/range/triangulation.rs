@@ -1,5 +1,6 @@
 //! Depth, range and their uncertainty of every pixel.
 
+use super::confidence;
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::matching::{DisparityMap, Validity};
@@ -59,14 +60,15 @@ impl RangeImage {
     }
 }
 
-/// Depth and its standard deviation for one value of the disparity map.
+/// Depth and its standard deviation for one value of the disparity map, metres; the calibration's part of it, metres².
 #[derive(Debug, Clone, Copy)]
 struct Metres {
     depth: f32,
     sigma: f32,
+    calibration_variance: f32,
 }
 
-const UNKNOWN: Metres = Metres { depth: f32::NAN, sigma: f32::NAN };
+const UNKNOWN: Metres = Metres { depth: f32::NAN, sigma: f32::NAN, calibration_variance: f32::NAN };
 
 /// Triangulation of one rig, with everything that does not depend on the frame worked out beforehand.
 ///
@@ -144,13 +146,49 @@ impl Triangulation {
         Ok(())
     }
 
+    /// The same, with a standard deviation of the disparity for each pixel by its confidence
+    /// ([`disparity_sigma_px`](super::disparity_sigma_px)), as [`DisparityMap::confidence`] gives it.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::SizeMismatch`] if the map or the confidences are not of the geometry's size.
+    pub fn apply_by_confidence(
+        &mut self,
+        disparity: &DisparityMap,
+        confidence: &Image<u8>,
+        out: &mut RangeImage,
+    ) -> Result<()> {
+        disparity.values.view().require_same_size("disparity", &confidence.view(), "confidence")?;
+        self.apply(disparity, out)?;
+        let geometry = self.geometry;
+        let sigma_of: [f32; 256] =
+            std::array::from_fn(|confidence| confidence::disparity_sigma_px(confidence as u8));
+        let per_square_metre = (1.0 / (geometry.focal_px * geometry.baseline_m)) as f32;
+        for y in 0..geometry.height {
+            let metres = out.depth_m.row(y).iter().zip(out.range_m.row(y));
+            let pixels = metres.zip(disparity.values.row(y).iter().zip(confidence.row(y)));
+            for (sigma, ((&depth, &range), (&raw, &confidence))) in
+                out.sigma_m.row_mut(y).iter_mut().zip(pixels)
+            {
+                if depth.is_nan() {
+                    continue;
+                }
+                let matching = depth * depth * per_square_metre * sigma_of[usize::from(confidence)];
+                let calibration = self.table[usize::from(raw) + 1].calibration_variance;
+                *sigma = range / depth * (matching * matching + calibration).sqrt();
+            }
+        }
+        Ok(())
+    }
+
     /// Makes the table reach `largest` sixteenths of a pixel.
     fn extend_table(&mut self, largest: u16) {
         for raw in self.table.len() - 1..=usize::from(largest) {
             let depth_m = self.geometry.depth_m(raw as f64 / f64::from(DisparityMap::SCALE));
             let metres = if depth_m.is_finite() && depth_m > 0.0 {
                 let sigma_m = depth_sigma_m(&self.geometry, depth_m, self.disparity_sigma_px);
-                Metres { depth: depth_m as f32, sigma: sigma_m as f32 }
+                let calibration_variance = calibration_variance(&self.geometry, depth_m) as f32;
+                Metres { depth: depth_m as f32, sigma: sigma_m as f32, calibration_variance }
             } else {
                 UNKNOWN
             };
@@ -162,8 +200,13 @@ impl Triangulation {
 /// Standard deviation of a depth: `sqrt((Z²·σ_d / (f·b))² + var_calibration(Z))`, metres.
 pub(crate) fn depth_sigma_m(geometry: &RectifiedGeometry, depth_m: f64, disparity_sigma_px: f64) -> f64 {
     let matching_m = depth_m * depth_m * disparity_sigma_px / (geometry.focal_px * geometry.baseline_m);
+    (matching_m * matching_m + calibration_variance(geometry, depth_m)).sqrt()
+}
+
+/// Variance of a depth by the calibration's uncertainty, metres².
+fn calibration_variance(geometry: &RectifiedGeometry, depth_m: f64) -> f64 {
     // A covariance rounded to indefiniteness must not turn the whole into NaN.
-    (matching_m * matching_m + geometry.calibration_variance.at(depth_m).max(0.0)).sqrt()
+    geometry.calibration_variance.at(depth_m).max(0.0)
 }
 
 pub(crate) fn check_disparity_sigma(disparity_sigma_px: f64) -> Result<()> {
@@ -188,6 +231,19 @@ pub(crate) fn check_size(disparity: &DisparityMap, geometry: &RectifiedGeometry)
         second_width: width,
         second_height: height,
     })
+}
+
+/// Depth, range and sigma of a disparity map, sigma by each pixel's confidence.
+///
+/// # Errors
+///
+/// [`Error::SizeMismatch`] if map and geometry differ in size, [`Error::InvalidParameter`] for a cylindrical pair.
+pub fn to_range_by_confidence(
+    disparity: &DisparityMap,
+    geometry: &RectifiedGeometry,
+    out: &mut RangeImage,
+) -> Result<()> {
+    Triangulation::new(geometry, 0.0)?.apply_by_confidence(disparity, &disparity.confidence(), out)
 }
 
 /// Depth, range and sigma of a disparity map; [`Triangulation`] does the same for many frames of one rig.

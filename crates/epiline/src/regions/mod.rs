@@ -2,6 +2,7 @@
 
 mod plane;
 mod profile;
+mod space;
 mod surface;
 mod u_disparity;
 
@@ -12,6 +13,7 @@ use crate::matching::MatchRegion;
 use crate::rectification::RectifiedGeometry;
 
 pub use profile::{ProfileParams, Profiler, RegionProfile, profile};
+pub use space::{CameraOverGround, Slab, Space};
 pub use surface::NearestSurface;
 pub(crate) use u_disparity::UDisparity;
 
@@ -49,12 +51,48 @@ pub struct Region {
     pub height: usize,
     /// What a matcher that is given this region searches; `None` is its own range of disparities.
     pub search: Option<Search>,
+    /// Where in space the region's points lie; profiles leave out the others. `None` is anywhere.
+    pub space: Option<Space>,
 }
 
 impl Region {
     /// A region; [`validate`](Self::validate) holds it against an image.
     pub fn new(name: impl Into<Arc<str>>, x: usize, y: usize, width: usize, height: usize) -> Self {
-        Self { name: name.into(), x, y, width, height, search: None }
+        Self { name: name.into(), x, y, width, height, search: None, space: None }
+    }
+
+    /// The part of an image between shares of its width and height, 0 to 1. Edges are rounded to the nearest pixel, so
+    /// that parts which meet in shares meet in pixels.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::InvalidParameter`] unless `0 <= x`, `0 < width`, `x + width <= 1`, likewise along y, and the box holds a
+    /// pixel.
+    pub fn from_shares(
+        name: impl Into<Arc<str>>,
+        [x, y, width, height]: [f64; 4],
+        image_width: usize,
+        image_height: usize,
+    ) -> Result<Self> {
+        let name = name.into();
+        let edges = |at: &'static str, from: f64, length: f64, pixels: usize| {
+            let end = from + length;
+            // Sums of decimal shares miss 1 by rounding.
+            if !(from >= 0.0 && length > 0.0 && end <= 1.0 + 1e-9) {
+                let value = format!("{from} + {length} of region '{name}'");
+                return Err(Error::invalid(
+                    at,
+                    value,
+                    "must be shares of the image: 0 <= from, 0 < length, sum <= 1",
+                ));
+            }
+            let edge = |share: f64| ((share * pixels as f64).round() as usize).min(pixels);
+            Ok((edge(from), edge(end)))
+        };
+        let (left, right) = edges("x + width", x, width, image_width)?;
+        let (top, bottom) = edges("y + height", y, height, image_height)?;
+        let region = Self::new(Arc::clone(&name), left, top, right - left, bottom - top);
+        region.validate(image_width, image_height).map(|()| region)
     }
 
     /// The whole of an image.

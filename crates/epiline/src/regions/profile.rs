@@ -50,17 +50,23 @@ pub struct RegionProfile {
     pub nearest_px: Vec<f32>,
     /// Per column: the median; of an even number, the mean of the middle two.
     pub median_px: Vec<f32>,
+    /// Per column: the spread, `1.4826·median(|d - median|)`, which is the standard deviation where values scatter
+    /// normally and hardly moves with a few that are wild.
+    pub spread_px: Vec<f32>,
     /// Per column: the smallest.
     pub minimum_px: Vec<f32>,
     /// Per column: the largest, supported or not.
     pub maximum_px: Vec<f32>,
     /// Per column: how many pixels carry a value.
     pub count: Vec<u32>,
+    /// Per column: how many pixels carry none. In a region of space ([`Region::space`]) the two need not make up the
+    /// column: a known point outside the space is neither.
+    pub unknown: Vec<u32>,
     /// Per column: Euclidean range of `nearest_px` at the mean row of its supporters, metres. `None` without geometry.
     pub nearest_range_m: Option<Vec<f32>>,
     /// Entry `i` counts the pixels whose disparity rounds to `i` px.
     pub histogram: Vec<u32>,
-    /// Share of the region's pixels that carry a value, 0 to 1.
+    /// Share of the region's pixels that carry a value, wherever its point lies, 0 to 1.
     pub valid_share: f64,
     /// Smallest disparity, px; NaN without a value.
     pub minimum: f64,
@@ -79,9 +85,11 @@ impl RegionProfile {
             region,
             nearest_px: Vec::new(),
             median_px: Vec::new(),
+            spread_px: Vec::new(),
             minimum_px: Vec::new(),
             maximum_px: Vec::new(),
             count: Vec::new(),
+            unknown: Vec::new(),
             nearest_range_m: None,
             histogram: Vec::new(),
             valid_share: 0.0,
@@ -90,6 +98,12 @@ impl RegionProfile {
             total: 0.0,
             nearest: None,
         }
+    }
+
+    /// Per column: share of its pixels that carry no value, 0 to 1.
+    pub fn unknown_shares(&self) -> impl Iterator<Item = f32> {
+        let height = self.region.height as f32;
+        self.unknown.iter().map(move |&unknown| unknown as f32 / height)
     }
 }
 
@@ -123,6 +137,8 @@ fn px(raw: u16) -> f32 {
 pub struct Profiler {
     /// The pixels of [`TILE`] columns, each `region.height` apart.
     columns: Vec<Pixel>,
+    /// The map without what lies outside a region of space.
+    inside: DisparityMap,
     surface: SurfaceFinder,
 }
 
@@ -131,8 +147,8 @@ impl Profiler {
     ///
     /// # Errors
     ///
-    /// [`Error::InvalidParameter`] for a region outside the map or parameters out of range,
-    /// [`Error::SizeMismatch`] if map and geometry differ in size.
+    /// [`Error::InvalidParameter`] for a region outside the map, a region of space without geometry, or parameters out of
+    /// range, [`Error::SizeMismatch`] if map and geometry differ in size.
     pub fn read(
         &mut self,
         disparity: &DisparityMap,
@@ -145,14 +161,41 @@ impl Profiler {
         if let Some(geometry) = geometry {
             check_size(disparity, geometry)?;
         }
+        count_unknown(disparity, &out.region, &mut out.unknown);
+        let Some(space) = out.region.space else {
+            self.read_map(disparity, geometry, params, out);
+            return Ok(());
+        };
+        let Some(geometry) = geometry else {
+            let value = format!("'{}'", out.region.name);
+            return Err(Error::invalid(
+                "region",
+                value,
+                "is a part of space and needs the geometry of the pair",
+            ));
+        };
+        let mut inside = std::mem::take(&mut self.inside);
+        space.select(disparity, geometry, &out.region, &mut inside, Validity::BORDER);
+        self.read_map(&inside, Some(geometry), params, out);
+        self.inside = inside;
+        Ok(())
+    }
+
+    fn read_map(
+        &mut self,
+        disparity: &DisparityMap,
+        geometry: Option<&RectifiedGeometry>,
+        params: &ProfileParams,
+        out: &mut RegionProfile,
+    ) {
         self.read_columns(disparity, geometry, params.min_support, out);
         let pixels = (out.region.width * out.region.height) as f64;
-        out.valid_share = out.count.iter().map(|&n| f64::from(n)).sum::<f64>() / pixels;
+        let unknown: f64 = out.unknown.iter().map(|&n| f64::from(n)).sum();
+        out.valid_share = (pixels - unknown) / pixels;
         // f32::min and max pass over NaN.
         out.minimum = f64::from(out.minimum_px.iter().copied().fold(f32::NAN, f32::min));
         out.maximum = f64::from(out.maximum_px.iter().copied().fold(f32::NAN, f32::max));
         out.nearest = self.surface.nearest(disparity, geometry, &out.region, params);
-        Ok(())
     }
 
     fn read_columns(
@@ -163,7 +206,13 @@ impl Profiler {
         out: &mut RegionProfile,
     ) {
         let Region { x: left, y: top, width, height, .. } = out.region;
-        for values in [&mut out.nearest_px, &mut out.median_px, &mut out.minimum_px, &mut out.maximum_px] {
+        for values in [
+            &mut out.nearest_px,
+            &mut out.median_px,
+            &mut out.spread_px,
+            &mut out.minimum_px,
+            &mut out.maximum_px,
+        ] {
             values.clear();
         }
         out.count.clear();
@@ -201,6 +250,7 @@ impl Profiler {
                 } else {
                     f32::NAN
                 });
+                out.spread_px.push(spread_px(column));
                 let supported = nearest_supported(column, min_support);
                 out.nearest_px.push(supported.map_or(f32::NAN, |(raw, _)| px(raw)));
                 if let (Some(geometry), Some(ranges_m)) = (geometry, &mut ranges_m) {
@@ -236,6 +286,46 @@ impl Profiler {
         }
         counts
     }
+}
+
+/// Counts the pixels of each column of a region that carry no value.
+fn count_unknown(disparity: &DisparityMap, region: &Region, unknown: &mut Vec<u32>) {
+    unknown.clear();
+    unknown.resize(region.width, 0);
+    for y in region.y..region.y + region.height {
+        let bits = &disparity.validity.row(y)[region.x..region.x + region.width];
+        for (unknown, &bits) in unknown.iter_mut().zip(bits) {
+            *unknown += u32::from(!Validity::has_value(bits));
+        }
+    }
+}
+
+/// `1.4826·median(|d - median|)` of a sorted column, px; NaN of none.
+fn spread_px(column: &[Pixel]) -> f32 {
+    /// What makes a normal distribution's median deviation its standard deviation: `1/Φ⁻¹(3/4)`.
+    const PER_MEDIAN_DEVIATION: f32 = 1.482_602_2;
+    let count = column.len();
+    if count == 0 {
+        return f32::NAN;
+    }
+    let doubled = |i: usize| 2 * u32::from(column[i].raw());
+    let median_doubled = (doubled((count - 1) / 2) + doubled(count / 2)) / 2;
+    // Deviations come in order when taken from the middle outward: `column[low..high]` is taken.
+    let (mut low, mut high) = (count / 2, count / 2);
+    let mut last_two = [0; 2];
+    while high - low <= count / 2 {
+        let below = low.checked_sub(1).map_or(u32::MAX, |i| median_doubled - doubled(i));
+        let above = if high < count { doubled(high) - median_doubled } else { u32::MAX };
+        if below < above {
+            low -= 1;
+        } else {
+            high += 1;
+        }
+        last_two = [last_two[1], below.min(above)];
+    }
+    let middle_two = if count % 2 == 1 { [last_two[1]; 2] } else { last_two };
+    let deviation = (middle_two[0] + middle_two[1]) as f32 / (4.0 * f32::from(DisparityMap::SCALE));
+    PER_MEDIAN_DEVIATION * deviation
 }
 
 /// The largest disparity of a sorted column that has enough support, and the mean row of its supporters.
