@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import dataclasses
-import io
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from epiline._core import StereoMatcher
+from epiline.cli import evaluate_obstacles
 from epiline.cli.arguments import METHODS, PRESETS, parameter, whole
 from epiline.cli.console import print_json, print_table, progress, say
+from epiline.cli.tables import table_as_csv
 
 if TYPE_CHECKING:
     from epiline.evaluation import Scene
@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "root",
         type=Path,
+        nargs="?",
         metavar="FOLDER",
         help="scenes by a manifest.json or laid out as Middlebury, KITTI or ETH3D; or a disparity file with --truth",
     )
@@ -79,9 +80,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = parser.add_mutually_exclusive_group()
     output.add_argument("--json", action="store_true", help="print one JSON object")
     output.add_argument("--csv", action="store_true", help="print a line per setting, scene and region")
+    evaluate_obstacles.add_arguments(parser)
+    parser.set_defaults(usage_error=parser.error)
 
 
 def run(args: argparse.Namespace) -> None:
+    if args.obstacles:
+        evaluate_obstacles.run(args)
+        return
+    if args.root is None:
+        args.usage_error("name a FOLDER of scenes, or ask for --obstacles")
     if args.truth:
         _score_file(args)
         return
@@ -191,7 +199,7 @@ def _robustness(args: argparse.Namespace, scenes: Sequence[Scene], settings: Seq
     if args.json:
         print_json({"scenes": [s.name for s in scenes], "columns": columns[1:], "bad1": {r[0]: r[1:] for r in rows}})
     elif args.csv:
-        say(_table_as_csv(columns, rows).rstrip())
+        say(table_as_csv(columns, rows).rstrip())
     else:
         print_table(f"bad1 %, non-occluded pixels, every one answered; mean over {len(scenes)} scenes", columns, rows)
 
@@ -220,7 +228,7 @@ def _sparsification(args: argparse.Namespace, scenes: Sequence[Scene], settings:
     if args.json:
         print_json({"curves": [dict(zip(columns, row, strict=True)) for row in rows]})
     elif args.csv:
-        say(_table_as_csv(columns, rows).rstrip())
+        say(table_as_csv(columns, rows).rstrip())
     else:
         means = set(_groups(scene.name for scene in scenes))
         shown = [row for row in rows if args.per_scene or row[1] in means]
@@ -259,15 +267,7 @@ def _as_csv(results: Sequence[Result]) -> str:
         (r.setting, r.scene, r.region, *(r.measures[n].value if n in r.measures else "" for n in names))
         for r in results
     ]
-    return _table_as_csv(("setting", "scene", "region", *names), rows)
-
-
-def _table_as_csv(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(rows)
-    return text.getvalue()
+    return table_as_csv(("setting", "scene", "region", *names), rows)
 
 
 def _print_means(args: argparse.Namespace, results: Sequence[Result], scenes: Sequence[str]) -> None:

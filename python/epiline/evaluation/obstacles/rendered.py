@@ -1,0 +1,129 @@
+"""The whole pipeline on rendered courses, with the cameras known exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from epiline._core import (
+    CameraModel,
+    FrameResult,
+    Pipeline,
+    Rectifier,
+    Region,
+    StereoCalibration,
+    StereoMatcher,
+    default_disparities,
+)
+from epiline.evaluation.obstacles.photographs import photographs
+from epiline.evaluation.obstacles.scoring import RangeSample, Report, Rules, score_frame
+from epiline.evaluation.obstacles.tally import Tally
+from epiline.evaluation.obstacles.truth import SUPPORT_PX, Flags, FrameTruth, frame_truth
+from epiline.sources.rendered import RigTruth, Tracer, nearest_supported, true_depth
+from epiline.sources.rendered.courses import Course
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A pipeline to evaluate: parameters of the matcher, over those of the pipeline's own, and of the pipeline."""
+
+    name: str
+    matcher: Mapping[str, Any] | None = None
+    pipeline: Mapping[str, Any] | None = None
+
+    def pipeline_for(self, calibration: StereoCalibration, width: int) -> Pipeline:
+        """The pipeline for cameras of that width."""
+        given: dict[str, Any] = dict(self.pipeline or {})
+        if self.matcher is not None:
+            defaults = {"num_disparities": default_disparities(width)}
+            given["matcher"] = StereoMatcher(**{**defaults, **self.matcher})
+        return Pipeline(calibration, alignment=False, **given)
+
+
+def calibration_of(truth: RigTruth) -> StereoCalibration:
+    """The rig as a perfect calibration would find it."""
+    left, right = (
+        CameraModel(c.camera_matrix, (*c.distortion, 0.0), width=c.width, height=c.height)
+        for c in (truth.left, truth.right)
+    )
+    return StereoCalibration(left, right, truth.rotation, truth.translation_m)
+
+
+def evaluate_courses(
+    courses: Iterable[Course],
+    entry: Entry,
+    *,
+    rules: Rules | None = None,
+    cache: Path | None = None,
+    advance: Callable[[], object] = lambda: None,
+) -> Iterator[tuple[Course, Tally]]:
+    """Each course with its score; `advance` is called after each frame."""
+    for course in courses:
+        yield course, evaluate_course(course, entry, rules=rules, cache=cache, advance=advance)
+
+
+def evaluate_course(
+    course: Course,
+    entry: Entry,
+    *,
+    rules: Rules | None = None,
+    cache: Path | None = None,
+    advance: Callable[[], object] = lambda: None,
+) -> Tally:
+    """Drives through one course."""
+    chosen = Rules() if rules is None else rules
+    tally = Tally()
+    for result, truth in drive(course, entry, cache=cache):
+        reports = [Report.of(obstacle) for obstacle in result.obstacles]
+        tally.frames.append(score_frame(reports, truth, chosen))
+        if course.matchable:
+            _add_regions(tally, result, truth, chosen)
+        advance()
+    return tally
+
+
+def drive(course: Course, entry: Entry, *, cache: Path | None = None) -> Iterator[tuple[FrameResult, FrameTruth]]:
+    """Each frame's result beside its truth."""
+    cameras = course.rig().truth
+    calibration = calibration_of(cameras)
+    pipeline = entry.pipeline_for(calibration, course.size[0])
+    disparities = int(pipeline.matcher_parameters["num_disparities"])
+    geometry = pipeline.geometry
+    tracer = Tracer(course.scene)
+    valid: tuple[Flags, Flags] | None = None
+    for photograph in photographs(course, cache):
+        if valid is None:
+            aligned = Rectifier(calibration)(photograph.left, photograph.right)
+            valid = aligned.left_valid, aligned.right_valid
+        view = true_depth(
+            tracer,
+            photograph.world_from_left,
+            focal_px=geometry.focal_px,
+            cx_px=geometry.cx_px,
+            cy_px=geometry.cy_px,
+            width=geometry.width,
+            height=geometry.height,
+            aligned_from_left=geometry.aligned_from_left,
+        )
+        truth = frame_truth(view, geometry, valid=valid, num_disparities=disparities, ground=course.ground)
+        yield pipeline.process(photograph.left, photograph.right), truth
+
+
+def _add_regions(tally: Tally, result: FrameResult, truth: FrameTruth, rules: Rules) -> None:
+    for profile in result.profiles:
+        true_m = region_range_m(truth, profile.region)
+        if not true_m <= rules.reach_m:
+            continue
+        tally.regions_asked += 1
+        if np.isfinite(profile.range_m):
+            tally.regions.append(RangeSample(profile.region.name, profile.range_m, true_m, profile.sigma_m))
+
+
+def region_range_m(truth: FrameTruth, region: Region) -> float:
+    """The nearest supported range of what both cameras see in a region, metres; NaN where there is none."""
+    box = np.s_[region.y : region.y + region.height, region.x : region.x + region.width]
+    return nearest_supported(truth.range_m[box][truth.seen[box]], SUPPORT_PX)

@@ -1,0 +1,241 @@
+"""Reports against truth: which are real, which obstacles they miss, how far off their ranges are.
+
+A report claims: "between these columns something stands at this depth". It is
+
+* **real** where at least `SUPPORT_PX` pixels of walls or solids in its columns lie within the tolerance of its depth;
+  what it is about is the object with the most such pixels;
+* a **double** where it is about a solid that an earlier (nearer) report is about at the same columns and depth;
+* a **ghost** otherwise.
+
+An obstacle is found by a report of whose columns and tolerance it has `SUPPORT_PX` pixels, and whose depth is within
+the tolerance of its nearest one. Depth decides, not range, because a face seen square on has one. Nothing here knows
+how a finder works.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from epiline._core import Obstacle
+from epiline.evaluation.obstacles.truth import NOTHING, SUPPORT_PX, Asked, Floats, FrameTruth
+from epiline.sources.rendered import nearest_supported
+
+Verdict: TypeAlias = Literal["real", "double", "ghost"]
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What counts.
+
+    Attributes
+    ----------
+    reach_m : float
+        Obstacles are asked for, and reports judged, up to this range.
+    min_pixels, min_side_px : int, float
+        An obstacle of which both cameras see less is not asked for.
+    sigmas, share, most : float
+        The tolerance of a depth: `sigmas` standard deviations, at least `share` of it and at most `most`.
+    corridor_half_width_m : float
+        Of the driving corridor, straight ahead.
+    corridor_margin_m : float
+        A corridor is free where nothing stands within this of it.
+    overlap : float
+        Two reports about one solid are at the same columns if they share this much of the narrower one.
+    """
+
+    reach_m: float = 6.0
+    min_pixels: int = 24
+    min_side_px: float = 2.0
+    sigmas: float = 3.0
+    share: float = 0.05
+    most: float = 0.15
+    corridor_half_width_m: float = 0.35
+    corridor_margin_m: float = 0.15
+    overlap: float = 0.5
+
+    def tolerance_m(self, report: Report) -> float:
+        """How far in depth a report may be from what it is about."""
+        wanted = self.sigmas * report.sigma_m * report.depth_m / report.range_m
+        # A sigma that is no number widens nothing.
+        most = self.most * report.depth_m
+        return max(min(wanted, most) if np.isfinite(wanted) else 0.0, self.share * report.depth_m)
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a finder claims.
+
+    Attributes
+    ----------
+    range_m, sigma_m, depth_m : float
+        Euclidean, its standard deviation, and Z.
+    bearing_rad : float
+        Of the point it has that range at; positive to the right.
+    width_m : float
+        Across, about the bearing.
+    columns : (first, last)
+        Of the left aligned image.
+    """
+
+    range_m: float
+    sigma_m: float
+    depth_m: float
+    bearing_rad: float
+    width_m: float
+    columns: tuple[int, int]
+
+    @classmethod
+    def of(cls, obstacle: Obstacle) -> Report:
+        """What we report."""
+        x, _, width, _ = obstacle.box
+        return cls(
+            obstacle.range_m,
+            obstacle.sigma_m,
+            obstacle.depth_m,
+            obstacle.bearing_rad,
+            obstacle.width_m,
+            (x, x + width - 1),
+        )
+
+    def reaches_into(self, half_width_m: float) -> bool:
+        """Whether it stands in the corridor straight ahead."""
+        lateral_m = self.depth_m * np.tan(self.bearing_rad)
+        return bool(abs(lateral_m) - self.width_m / 2 < half_width_m)
+
+
+@dataclass(frozen=True)
+class RangeSample:
+    """A reported range beside the true one, metres."""
+
+    name: str
+    reported_m: float
+    true_m: float
+    sigma_m: float
+
+    @property
+    def error(self) -> float:
+        """Share of the true range."""
+        return self.reported_m / self.true_m - 1
+
+    @property
+    def z(self) -> float:
+        """Error in standard deviations."""
+        return (self.reported_m - self.true_m) / self.sigma_m if self.sigma_m > 0 else float("inf")
+
+
+@dataclass(frozen=True)
+class FrameScore:
+    """One frame.
+
+    Attributes
+    ----------
+    verdicts : list
+        Of each report within reach.
+    found, missed : list of Asked
+    ranges : list of RangeSample
+        Of each solid found: the report's range beside that of the solid where the report points.
+    corridor_free : bool
+        Whether the truth has nothing in the corridor.
+    intrusions : int
+        Reports in a free corridor.
+    """
+
+    verdicts: list[Verdict] = field(default_factory=list)
+    found: list[Asked] = field(default_factory=list)
+    missed: list[Asked] = field(default_factory=list)
+    ranges: list[RangeSample] = field(default_factory=list)
+    corridor_free: bool = False
+    intrusions: int = 0
+
+
+def score_frame(reports: Iterable[Report], truth: FrameTruth, rules: Rules) -> FrameScore:
+    """Scores one frame."""
+    ordered = sorted(reports, key=lambda report: report.range_m)
+    about = [_about(report, truth, rules) for report in ordered]
+    verdicts: list[Verdict] = []
+    for i, report in enumerate(ordered):
+        if report.range_m > rules.reach_m:
+            continue
+        verdicts.append(_verdict(i, ordered, about, truth, rules))
+    found, missed, ranges = [], [], []
+    asked = truth.asked(reach_m=rules.reach_m, min_pixels=rules.min_pixels, min_side_px=rules.min_side_px)
+    for obstacle in asked:
+        finder = _finder(obstacle, ordered, truth, rules)
+        if finder is None:
+            missed.append(obstacle)
+            continue
+        found.append(obstacle)
+        if about[ordered.index(finder)] == obstacle.object_id:
+            ranges.append(_range_sample(obstacle, finder, truth))
+    wide = rules.corridor_half_width_m + rules.corridor_margin_m
+    free = truth.is_clear(wide, rules.reach_m * (1 + rules.share))
+    intruding = [r for r in ordered if r.range_m <= rules.reach_m and r.reaches_into(rules.corridor_half_width_m)]
+    return FrameScore(verdicts, found, missed, ranges, free, len(intruding) if free else 0)
+
+
+def _within(
+    report: Report, truth: FrameTruth, rules: Rules
+) -> tuple[slice, np.ndarray[tuple[int, int], np.dtype[np.bool_]]]:
+    """The report's columns, and which of their pixels lie within the tolerance of its depth."""
+    first, last = report.columns
+    columns = slice(max(first, 0), last + 1)
+    near = np.abs(truth.depth_m[:, columns] - report.depth_m) <= rules.tolerance_m(report)
+    return columns, near
+
+
+def _about(report: Report, truth: FrameTruth, rules: Rules) -> int:
+    """The object with the most pixels where the report claims something, or `NOTHING`."""
+    columns, near = _within(report, truth, rules)
+    ids = truth.standing[:, columns][near]
+    ids = ids[ids != NOTHING]
+    if ids.size < SUPPORT_PX:
+        return NOTHING
+    return int(np.bincount(ids).argmax())
+
+
+def _verdict(i: int, ordered: Sequence[Report], about: Sequence[int], truth: FrameTruth, rules: Rules) -> Verdict:
+    report = ordered[i]
+    if about[i] == NOTHING:
+        return "ghost"
+    if about[i] in truth.solids:
+        for earlier, object_id in zip(ordered[:i], about, strict=False):
+            close = abs(earlier.depth_m - report.depth_m) <= rules.tolerance_m(report)
+            if object_id == about[i] and close and _shared(earlier, report) >= rules.overlap:
+                return "double"
+    return "real"
+
+
+def _shared(one: Report, other: Report) -> float:
+    """Common columns, as a share of the narrower report's."""
+    common = min(one.columns[1], other.columns[1]) - max(one.columns[0], other.columns[0]) + 1
+    narrower = min(report.columns[1] - report.columns[0] + 1 for report in (one, other))
+    return max(common, 0) / max(narrower, 1)
+
+
+def _finder(obstacle: Asked, reports: Sequence[Report], truth: FrameTruth, rules: Rules) -> Report | None:
+    """The report that finds an obstacle: of those that do, the one closest to its nearest depth."""
+    candidates = []
+    for report in reports:
+        off_m = abs(report.depth_m - obstacle.depth_m)
+        if off_m > rules.tolerance_m(report):
+            continue
+        columns, near = _within(report, truth, rules)
+        if int((truth.standing[:, columns][near] == obstacle.object_id).sum()) >= SUPPORT_PX:
+            candidates.append((off_m, report))
+    return min(candidates, key=lambda candidate: candidate[0])[1] if candidates else None
+
+
+def _range_sample(obstacle: Asked, report: Report, truth: FrameTruth) -> RangeSample:
+    """Truth is where the reported ray meets the solid: the nearest supported depth in the columns around it."""
+    here = truth.visible == obstacle.object_id
+    tangent = truth.lateral_m / truth.depth_m
+    pixel = float(tangent[0, 1] - tangent[0, 0])
+    aside = np.abs(tangent - np.tan(report.bearing_rad))
+    # Where the ray passes it by, through a gap, its nearest columns are meant.
+    values: Floats = truth.depth_m[here & (aside <= float(aside[here].min()) + pixel)]
+    true_m = nearest_supported(values, min(SUPPORT_PX, values.size))
+    return RangeSample(obstacle.name, report.range_m, report.range_m * true_m / report.depth_m, report.sigma_m)
