@@ -47,6 +47,7 @@ class Plan:
     budget_s: float = 12.0
     tables: bool = True
     curves: bool = False
+    pipeline: bool = False
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,7 @@ def _against_stereo_bm(pair: Pair, plan: Plan, context: dict[str, Any]) -> Itera
         )
         times = time_in_turns(pairing, plan.repeats, plan.budget_s, one_thread=threads == 1)
         check = _equal_inside(window // 2, disparities, both_answer=tests)
-        yield _row(pairing[0], pairing[1], times[:, 0], times[:, 1], "equal", check, context)
+        yield row(pairing[0], pairing[1], times[:, 0], times[:, 1], "equal", check, context)
 
 
 def _methods_against_stereo_bm(pair: Pair, plan: Plan, context: dict[str, Any]) -> Iterator[Row]:
@@ -153,7 +154,7 @@ def _methods_against_stereo_bm(pair: Pair, plan: Plan, context: dict[str, Any]) 
     peer = run.stereo_bm(pair, disparities, plan.windows[0], tests=tests)
     times = time_in_turns([*own, peer], plan.repeats, plan.budget_s, one_thread=threads == 1)
     for i, mine in enumerate(own):
-        yield _row(mine, peer, times[:, i], times[:, -1], "agree", _agreement, context)
+        yield row(mine, peer, times[:, i], times[:, -1], "agree", agreement, context)
 
 
 def _against_sgbm(pair: Pair, plan: Plan, context: dict[str, Any]) -> Iterator[Row]:
@@ -164,7 +165,7 @@ def _against_sgbm(pair: Pair, plan: Plan, context: dict[str, Any]) -> Iterator[R
     times = time_in_turns([*own, *peers], plan.repeats, plan.budget_s, one_thread=threads == 1)
     for i, mine in enumerate(own):
         for j, theirs in enumerate(peers, start=len(own)):
-            yield _row(mine, theirs, times[:, i], times[:, j], "agree", _agreement, context)
+            yield row(mine, theirs, times[:, i], times[:, j], "agree", agreement, context)
 
 
 def _against_one_thread(pair: Pair, plan: Plan, context: dict[str, Any]) -> Iterator[Row]:
@@ -173,7 +174,7 @@ def _against_one_thread(pair: Pair, plan: Plan, context: dict[str, Any]) -> Iter
         several, one = (run.preset(name, pair, disparities, count, tests=True) for count in (threads, 1))
         times = time_in_turns((several, one), plan.repeats, plan.budget_s, one_thread=False)
         alone = Contestant(f"{one.name}, one thread", one.work, one.answer)
-        yield _row(several, alone, times[:, 0], times[:, 1], "equal", _same_everywhere, context)
+        yield row(several, alone, times[:, 0], times[:, 1], "equal", _same_everywhere, context)
 
 
 def _bands_against_whole(pair: Pair, plan: Plan, context: dict[str, Any]) -> Iterator[Row]:
@@ -197,10 +198,10 @@ def _bands_against_whole(pair: Pair, plan: Plan, context: dict[str, Any]) -> Ite
         def check(answer: Answer, reference: Answer) -> float:
             return _same_everywhere(answer[inside], reference[inside])
 
-        yield _row(named, against, times[:, 0], times[:, 1], "equal", check, context | size)
+        yield row(named, against, times[:, 0], times[:, 1], "equal", check, context | size)
 
 
-def _row(
+def row(
     mine: Contestant, theirs: Contestant, own: Seconds, peer: Seconds, kind: str, check: Check, context: dict[str, Any]
 ) -> Row:
     faster = ratio(peer, own)
@@ -238,7 +239,7 @@ def _equal_inside(radius: int, disparities: int, *, both_answer: bool) -> Check:
     return check
 
 
-def _agreement(answer: Answer, reference: Answer) -> float:
+def agreement(answer: Answer, reference: Answer) -> float:
     with np.errstate(invalid="ignore"):
         return _share(np.abs(answer - reference) <= _AGREE_PX, np.isfinite(answer) & np.isfinite(reference))
 

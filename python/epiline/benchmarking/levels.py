@@ -12,6 +12,7 @@ from pathlib import Path
 
 from epiline._core import Error
 from epiline.benchmarking.contests import Curve, Plan, Row
+from epiline.benchmarking.pipeline import Stage
 
 LEVELS = ("scalar", "avx2", "avx512", "neon")
 
@@ -29,7 +30,7 @@ def levels_here() -> list[str]:
     return found
 
 
-def measure_level(level: str, plan: Plan, data: Path | None) -> Iterator[Row | Curve]:
+def measure_level(level: str, plan: Plan, data: Path | None) -> Iterator[Row | Curve | Stage]:
     """Measures at one level, in a process of its own; results come as they are ready.
 
     Raises
@@ -49,7 +50,8 @@ def measure_level(level: str, plan: Plan, data: Path | None) -> Iterator[Row | C
         try:
             for line in process.stdout:
                 record = json.loads(line)
-                yield Row(**record) if "tests" in record else Curve(**record)
+                kind = Row if "tests" in record else Stage if "stage" in record else Curve
+                yield kind(**record)
             complaint = process.stderr.read().strip()
         finally:
             process.kill()

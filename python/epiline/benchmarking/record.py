@@ -14,6 +14,7 @@ from pathlib import Path
 
 from epiline._core import __version__
 from epiline.benchmarking.contests import Curve, Row
+from epiline.benchmarking.pipeline import Stage
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -45,18 +46,18 @@ def machine_line(pair_name: str, threads: Sequence[int]) -> str:
     return f"{cpu_name()}; {today}; epiline {commit()}; OpenCV {cv2.__version__}; threads {counts}; {pair_name}"
 
 
-def record_path(root: Path) -> Path:
-    """`benchmarks/record/<cpu>/<date>.csv` under `root`."""
+def record_path(root: Path, ending: str = "") -> Path:
+    """`benchmarks/record/<cpu>/<date><ending>.csv` under `root`."""
     folder = re.sub(r"[^a-z0-9]+", "-", cpu_name().lower()).strip("-")
-    return root / "benchmarks" / "record" / folder / f"{datetime.date.today().isoformat()}.csv"
+    return root / "benchmarks" / "record" / folder / f"{datetime.date.today().isoformat()}{ending}.csv"
 
 
-def rows_as_csv(head: str, results: Sequence[Row | Curve]) -> str:
-    """A comment line, then the ratio tables, then the curves, each under its own header."""
+def rows_as_csv(head: str, results: Sequence[Row | Curve | Stage]) -> str:
+    """A comment line, then the ratio tables, then stage times, then the curves, each under its own header."""
     text = io.StringIO()
     text.write(f"# {head}\n")
     writer = csv.writer(text, lineterminator="\n")
-    for kind in (Row, Curve):
+    for kind in (Row, Stage, Curve):
         members = [result for result in results if isinstance(result, kind)]
         if members:
             writer.writerow(field.name for field in dataclasses.fields(kind))

@@ -13,6 +13,7 @@ from epiline._core import simd_level
 from epiline.benchmarking.contests import Curve, Plan, Row, rows
 from epiline.benchmarking.curves import curves
 from epiline.benchmarking.pairs import pair_from
+from epiline.benchmarking.pipeline import Stage, pipeline_rows
 
 
 def main(order: str) -> None:
@@ -22,7 +23,8 @@ def main(order: str) -> None:
     level = simd_level()
     tables: Iterator[Row] = rows(level, pair, plan) if plan.tables else iter(())
     points: Iterator[Curve] = curves(level, pair, plan) if plan.curves else iter(())
-    results: Iterator[Row | Curve] = chain(tables, points)
+    whole: Iterator[Row | Stage] = pipeline_rows(level, plan) if plan.pipeline else iter(())
+    results: Iterator[Row | Curve | Stage] = chain(whole, tables, points)
     for result in results:
         print(json.dumps(dataclasses.asdict(result)), flush=True)
 

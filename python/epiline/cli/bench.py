@@ -16,14 +16,18 @@ from epiline.cli.arguments import whole
 from epiline.cli.console import note, print_json, print_table, progress, say
 
 if TYPE_CHECKING:
-    from epiline.benchmarking import Curve, Plan, Row
+    from epiline.benchmarking import Curve, Plan, Row, Stage
 
 _QUICK_REPEATS, _QUICK_BUDGET_S = 5, 0.7
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="two sizes at the best level, in less than a minute")
-    parser.add_argument("--curves", action="store_true", help="scaling curves instead of the tables")
+    only = parser.add_mutually_exclusive_group()
+    only.add_argument("--curves", action="store_true", help="scaling curves instead of the tables")
+    only.add_argument(
+        "--pipeline", action="store_true", help="the whole pipeline against OpenCV's chain instead of the tables"
+    )
     parser.add_argument("--levels", nargs="+", metavar="LEVEL", help="scalar, avx2, avx512, neon (default: all here)")
     parser.add_argument("--threads", nargs="+", type=whole(1), metavar="N", help="thread counts (default: 1 2)")
     parser.add_argument("--sizes", nargs="+", type=_size, metavar="WxHxD", help="sizes and disparities, px")
@@ -58,8 +62,9 @@ def run(args: argparse.Namespace) -> None:
     # Before anything is measured: a folder that cannot be read should not be found out at the end.
     pair = pair_from(data)
     levels = _levels(args, levels_here())
-    head = machine_line(pair.name, (1,) if args.curves else plan.threads)
-    results: list[Row | Curve] = []
+    scene = "rendered workshop, before rectification" if args.pipeline else pair.name
+    head = machine_line(scene, (1,) if args.curves else plan.threads)
+    results: list[Row | Curve | Stage] = []
     with progress("measuring", None) as advance:
         for level in levels:
             for result in measure_level(level, plan, data):
@@ -72,7 +77,7 @@ def run(args: argparse.Namespace) -> None:
         _print(results)
     targets = [args.csv] if args.csv else []
     if args.record:
-        target = record_path(Path.cwd())
+        target = record_path(Path.cwd(), "-pipeline" if args.pipeline else "")
         target.parent.mkdir(parents=True, exist_ok=True)
         targets.append(target)
     for target in targets:
@@ -84,8 +89,11 @@ def run(args: argparse.Namespace) -> None:
 def _plan(args: argparse.Namespace) -> Plan:
     from epiline.benchmarking import Plan
     from epiline.benchmarking.contests import QUICK_SIZES
+    from epiline.benchmarking.pipeline import SIZES as PIPELINE_SIZES
 
-    plan = Plan(tables=not args.curves, curves=args.curves)
+    plan = Plan(tables=not (args.curves or args.pipeline), curves=args.curves, pipeline=args.pipeline)
+    if args.pipeline:
+        plan = dataclasses.replace(plan, sizes=PIPELINE_SIZES, threads=(1,))
     if args.quick:
         plan = dataclasses.replace(plan, sizes=QUICK_SIZES, repeats=_QUICK_REPEATS, budget_s=_QUICK_BUDGET_S)
     given: dict[str, Any] = {"sizes": args.sizes, "threads": args.threads, "repeats": args.repeats}
@@ -110,8 +118,8 @@ def _levels(args: argparse.Namespace, here: Sequence[str]) -> list[str]:
     return list(wanted)
 
 
-def _print(results: Sequence[Row | Curve]) -> None:
-    from epiline.benchmarking import Curve, Row
+def _print(results: Sequence[Row | Curve | Stage]) -> None:
+    from epiline.benchmarking import Curve, Row, Stage
 
     rows = [result for result in results if isinstance(result, Row)]
     for level, threads in dict.fromkeys((row.level, row.threads) for row in rows):
@@ -120,6 +128,7 @@ def _print(results: Sequence[Row | Curve]) -> None:
             ("ours", "against", "tests", "size", "times faster", "ours ms", "theirs ms", "answers", "density %"),
             [_line(row) for row in rows if (row.level, row.threads) == (level, threads)],
         )
+    _print_stages([result for result in results if isinstance(result, Stage)])
     points = [result for result in results if isinstance(result, Curve)]
     for level, ours, along in dict.fromkeys((point.level, point.ours, point.along) for point in points):
         members = [p for p in points if (p.level, p.ours, p.along) == (level, ours, along)]
@@ -127,6 +136,21 @@ def _print(results: Sequence[Row | Curve]) -> None:
             f"{level}, {ours}, one thread: cost of a pixel and disparity against {along}",
             (along, "relative cost", f"times faster than {members[0].theirs}"),
             [(p.at, p.per_pixel_disparity, p.ratio) for p in members],
+        )
+
+
+def _print_stages(stages: Sequence[Stage]) -> None:
+    for level in dict.fromkeys(stage.level for stage in stages):
+        own = [stage for stage in stages if stage.level == level]
+        names = tuple(dict.fromkeys(stage.stage for stage in own))
+        sizes = dict.fromkeys((stage.width, stage.height, stage.disparities) for stage in own)
+        print_table(
+            f"{level}, one thread: our pipeline's stages, ms",
+            ("size", *names),
+            [
+                ("x".join(map(str, size)), *(s.ms for s in own if (s.width, s.height, s.disparities) == size))
+                for size in sizes
+            ],
         )
 
 
@@ -144,7 +168,7 @@ def _line(row: Row) -> tuple[object, ...]:
     )
 
 
-def _require_equal(results: Sequence[Row | Curve]) -> None:
+def _require_equal(results: Sequence[Row | Curve | Stage]) -> None:
     from epiline.benchmarking import Row
 
     broken = [row for row in results if isinstance(row, Row) and row.differs]
