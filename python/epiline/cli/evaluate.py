@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from epiline._core import StereoMatcher
-from epiline.cli import evaluate_obstacles
+from epiline.cli import evaluate_obstacles, evaluate_scenes
 from epiline.cli.arguments import METHODS, PRESETS, parameter, whole
 from epiline.cli.console import print_json, print_table, progress, say
 from epiline.cli.tables import table_as_csv
@@ -86,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     if args.obstacles:
-        evaluate_obstacles.run(args)
+        (evaluate_obstacles if args.root is None else evaluate_scenes).run(args)
         return
     if args.root is None:
         args.usage_error("name a FOLDER of scenes, or ask for --obstacles")

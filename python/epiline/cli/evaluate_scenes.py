@@ -1,0 +1,135 @@
+"""`epiline evaluate --obstacles FOLDER`: nearest returns, ranges of regions and the ground on real photographs."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from epiline.cli.console import print_json, print_table, progress, say
+from epiline.cli.tables import table_as_csv
+
+if TYPE_CHECKING:
+    from epiline.evaluation import Scene
+
+_PRESETS = ("fast", "balanced", "accurate")
+Row = tuple[str, str, dict[str, float]]
+
+
+def run(args: argparse.Namespace) -> None:
+    """Scores whatever of the folder has the truth for it."""
+    from epiline.evaluation import load_scenes
+
+    wanted = args.scenes or [""]
+    scenes = [scene for scene in load_scenes(args.root) if any(text in scene.name for text in wanted)]
+    if not scenes:
+        raise ValueError(f"{args.root}: no scene's name contains {' or '.join(wanted)}")
+    laser = [scene for scene in scenes if scene.family.startswith("kitti")]
+    # A laser's truth, ETH3D's too, is too sparse for columns.
+    dense = [scene for scene in scenes if not scene.family.startswith(("kitti", "eth3d"))]
+    if not laser and not dense:
+        raise ValueError(f"{args.root}: no scene of Middlebury's or KITTI's kind among {len(scenes)}")
+    presets = tuple(args.preset or _PRESETS)
+    tables: dict[str, list[Row]] = {}
+    with progress("matching", None) as advance:
+        if dense:
+            tables["columns"] = _columns(dense, presets, args.threads, advance)
+        if laser:
+            tables["regions"] = _regions(laser, presets, args.threads, advance)
+    _print(args, tables, len(dense), len(laser))
+
+
+def _columns(
+    scenes: Sequence[Scene], presets: tuple[str, ...], threads: int | None, advance: Callable[[], object]
+) -> list[Row]:
+    import dataclasses
+
+    from epiline.evaluation.obstacles.columns import column_methods, score_columns
+
+    rows: list[Row] = []
+    for method in column_methods(presets, threads):
+        scored = []
+        for scene in scenes:
+            scored.append(dataclasses.asdict(score_columns(method.returns(scene), scene.truth)))
+            advance()
+        for group, members in _halves(scored):
+            rows.append((method.name, group, _mean(members)))
+    return rows
+
+
+def _regions(
+    scenes: Sequence[Scene], presets: tuple[str, ...], threads: int | None, advance: Callable[[], object]
+) -> list[Row]:
+    from epiline.evaluation.obstacles.regions import score_regions
+    from epiline.evaluation.settings import Setting
+
+    rows: list[Row] = []
+    for preset in presets:
+        frames = []
+        for scene in scenes:
+            frames.append(score_regions(scene, Setting(preset, {"preset": preset}), threads))
+            advance()
+        for group, members in _halves(frames):
+            counts = {
+                "silent": float(sum(frame.silent for frame in members)),
+                "left_out": float(sum(frame.left_out for frame in members)),
+                "offset_px": float(np.mean([frame.offset_px for frame in members])),
+            }
+            as_is = [sample for frame in members for sample in frame.samples]
+            without = [sample for frame in members for sample in frame.without_offset]
+            rows.append((preset, f"{group}, as it is", {**_errors([s.error for s in as_is]), **counts}))
+            rows.append((preset, f"{group}, less the offset", {**_errors([s.error for s in without]), **counts}))
+    return rows
+
+
+def _errors(errors: Sequence[float]) -> dict[str, float]:
+    percent = 100 * np.abs(errors) if len(errors) else np.array([np.nan])
+    signed = 100 * np.asarray(errors) if len(errors) else np.array([np.nan])
+    return {
+        "regions": float(len(errors)),
+        "median_error": float(np.median(percent)),
+        "p95_error": float(np.percentile(percent, 95)),
+        "bias": float(np.median(signed)),
+    }
+
+
+def _halves(members: Sequence[Any]) -> Iterator[tuple[str, Sequence[Any]]]:
+    """All, then every other one by name."""
+    yield f"all {len(members)}", members
+    if len(members) > 1:
+        yield "even half", members[::2]
+        yield "odd half", members[1::2]
+
+
+def _mean(members: Sequence[dict[str, float]]) -> dict[str, float]:
+    return {name: float(np.nanmean([member[name] for member in members])) for name in members[0]}
+
+
+def _print(args: argparse.Namespace, tables: dict[str, list[Row]], dense: int, laser: int) -> None:
+    if args.json:
+        print_json(
+            {name: [{"method": m, "scenes": group, **f} for m, group, f in rows] for name, rows in tables.items()}
+        )
+        return
+    if args.csv:
+        lines = [
+            (name, *row[:2], key, value)
+            for name, rows in tables.items()
+            for row in rows
+            for key, value in row[2].items()
+        ]
+        say(table_as_csv(("table", "method", "scenes", "figure", "value"), lines).rstrip())
+        return
+    titles = {
+        "columns": f"nearest return of each column, {dense} scenes: off by more than 2 px, % of columns",
+        "regions": f"nearest range of regions, {laser} frames: error %",
+    }
+    for name, rows in tables.items():
+        columns = tuple(rows[0][2])
+        print_table(
+            titles[name],
+            ("", "scenes", *(column.replace("_", " ") for column in columns)),
+            [(method, group, *figures.values()) for method, group, figures in rows],
+        )
