@@ -176,6 +176,17 @@ def test_ranges_are_held_to_where_the_report_points() -> None:
         assert samples[0].true_m == pytest.approx(z / np.cos(said.bearing_rad), rel=0.01)
 
 
+def test_the_far_part_of_a_long_solid_does_not_find_it() -> None:
+    truth = frame()
+    depth = np.where(truth.standing == BOX, 3.0 + (np.arange(WIDTH) - 20) / 39, truth.depth_m)
+    lateral = (np.arange(WIDTH) - CX) / FOCAL_PX * depth
+    long = replace(truth, depth_m=depth, lateral_m=lateral, range_m=truth.range_m * depth / truth.depth_m)
+    far, near = report(3.9, 50, 59), report(3.05, 20, 30)
+    assert score_frame([far], long, Rules()).verdicts == ["real"]
+    assert "box" in [asked.name for asked in score_frame([far], long, Rules()).missed]
+    assert "box" in [asked.name for asked in score_frame([far, near], long, Rules()).found]
+
+
 def test_shares_within_one_and_two_sigma() -> None:
     z = np.random.default_rng(5).standard_normal(4000)
     samples = [RangeSample("a", 2.0 + 0.01 * value, 2.0, 0.01) for value in z]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -30,15 +31,13 @@ class Photograph:
 def photographs(course: Course, cache: Path | None = None) -> Iterator[Photograph]:
     """The frames of a course, from `cache` if they are there, else rendered and put there.
 
-    Raises OSError where the folder cannot be written.
+    Raises OSError where the folder cannot be written, ValueError where a file in it is broken.
     """
     duration_s, count = course.path.duration_s, course.frames
     poses = [course.path.world_from_left(duration_s * i / max(count - 1, 1)) for i in range(count)]
     stored = None if cache is None else cache / f"{_digest(course)}.npz"
     if stored is not None and stored.is_file():
-        with np.load(stored) as file:
-            pairs = file["pairs"]
-        for (left, right), pose in zip(pairs, poses, strict=True):
+        for (left, right), pose in zip(_load(stored), poses, strict=True):
             yield Photograph(left, right, pose)
         return
     rig = course.rig()
@@ -53,6 +52,15 @@ def photographs(course: Course, cache: Path | None = None) -> Iterator[Photograp
         draft = stored.with_suffix(f".{os.getpid()}.npz")
         np.savez(draft, pairs=np.array(taken))
         draft.replace(stored)
+
+
+def _load(stored: Path) -> Greys:
+    """Pairs (N, 2, H, W)."""
+    try:
+        with np.load(stored) as file:
+            return np.asarray(file["pairs"], np.uint8)
+    except (zipfile.BadZipFile, KeyError, ValueError) as error:
+        raise ValueError(f"{stored}: not photographs kept by an earlier run ({error}); remove it") from error
 
 
 def _digest(course: Course) -> str:
