@@ -112,9 +112,7 @@ def oracle(truth: FrameTruth) -> list[Report]:
         tangent = float(np.median((truth.lateral_m / truth.depth_m)[near]))
         ray = asked.range_m / asked.depth_m
         reports.append(
-            Report(
-                asked.depth_m * ray, 0.01 * asked.depth_m, asked.depth_m, float(np.arctan(tangent)), 0.02, asked.columns
-            )
+            Report(asked.depth_m * ray, 0.01 * asked.depth_m, asked.depth_m, float(np.arctan(tangent)), asked.columns)
         )
     return reports
 

@@ -35,8 +35,7 @@ def frame(*, wall_m: float = WALL_M) -> FrameTruth:
 def report(z: float, first: int, last: int, *, sigma_m: float = 0.03) -> Report:
     """A report of something square on at depth `z`."""
     tangent = ((first + last) / 2 - CX) / FOCAL_PX
-    width_m = (last - first + 1) / FOCAL_PX * z
-    return Report(z * np.hypot(1, tangent), sigma_m, z, float(np.arctan(tangent)), width_m, (first, last))
+    return Report(z * np.hypot(1, tangent), sigma_m, z, float(np.arctan(tangent)), (first, last))
 
 
 BOX_REPORT, POLE_REPORT = report(3.0, 20, 59), report(2.0, 100, 103)
@@ -158,6 +157,15 @@ def test_a_report_in_a_free_corridor_blocks_it() -> None:
     assert score_frame([BOX_REPORT], clear, Rules()).intrusions == 0
     assert score_frame([BOX_REPORT, ghost], clear, Rules()).intrusions == 1
     assert figures(score_frame([BOX_REPORT, ghost], clear, Rules()))["blocked_frames"] == 1
+    # A wall at the side that is seen as far as the middle does not stand in the corridor; its near end decides.
+    beside = report(2.0, 0, 10)
+    along = replace(beside, columns=(0, 85))
+    walled = replace(clear, depth_m=clear.depth_m.copy(), standing=clear.standing.copy())
+    walled.depth_m[:, :11], walled.standing[:, :11] = 2.0, WALL
+    assert score_frame([along], walled, Rules()).verdicts == ["real"]
+    assert score_frame([along], walled, Rules()).intrusions == 0
+    assert score_frame([along], clear, Rules()).verdicts == ["ghost"]
+    assert score_frame([along], clear, Rules()).intrusions == 1
     # Something stands there: whatever is said about the corridor, it was not free.
     assert not score_frame([ghost], truth, Rules()).corridor_free
     assert score_frame([ghost], truth, Rules()).intrusions == 0

@@ -75,8 +75,6 @@ class Report:
         Euclidean, its standard deviation, and Z.
     bearing_rad : float
         Of the point it has that range at; positive to the right.
-    width_m : float
-        Across, about the bearing.
     columns : (first, last)
         Of the left aligned image.
     """
@@ -85,7 +83,6 @@ class Report:
     sigma_m: float
     depth_m: float
     bearing_rad: float
-    width_m: float
     columns: tuple[int, int]
 
     @classmethod
@@ -97,14 +94,8 @@ class Report:
             obstacle.sigma_m,
             obstacle.depth_m,
             obstacle.bearing_rad,
-            obstacle.width_m,
             (x, x + width - 1),
         )
-
-    def reaches_into(self, half_width_m: float) -> bool:
-        """Whether it stands in the corridor straight ahead."""
-        lateral_m = self.depth_m * np.tan(self.bearing_rad)
-        return bool(abs(lateral_m) - self.width_m / 2 < half_width_m)
 
 
 @dataclass(frozen=True)
@@ -156,11 +147,8 @@ def score_frame(reports: Iterable[Report], truth: FrameTruth, rules: Rules) -> F
     """Scores one frame."""
     ordered = sorted(reports, key=lambda report: report.range_m)
     about = [_about(report, truth, rules) for report in ordered]
-    verdicts: list[Verdict] = []
-    for i, report in enumerate(ordered):
-        if report.range_m > rules.reach_m:
-            continue
-        verdicts.append(_verdict(i, ordered, about, truth, rules))
+    within_reach = [report for report in ordered if report.range_m <= rules.reach_m]
+    verdicts = [_verdict(i, ordered, about, truth, rules) for i in range(len(within_reach))]
     found, missed, ranges = [], [], []
     asked = truth.asked(reach_m=rules.reach_m, min_pixels=rules.min_pixels, min_side_px=rules.min_side_px)
     for obstacle in asked:
@@ -173,7 +161,7 @@ def score_frame(reports: Iterable[Report], truth: FrameTruth, rules: Rules) -> F
             ranges.append(_range_sample(obstacle, finder, truth))
     wide = rules.corridor_half_width_m + rules.corridor_margin_m
     free = truth.is_clear(wide, rules.reach_m * (1 + rules.share))
-    intruding = [r for r in ordered if r.range_m <= rules.reach_m and r.reaches_into(rules.corridor_half_width_m)]
+    intruding = [r for r, v in zip(within_reach, verdicts, strict=True) if _intrudes(r, v, truth, rules)]
     return FrameScore(verdicts, found, missed, ranges, free, len(intruding) if free else 0)
 
 
@@ -207,6 +195,19 @@ def _verdict(i: int, ordered: Sequence[Report], about: Sequence[int], truth: Fra
             if object_id == about[i] and close and _shared(earlier, report) >= rules.overlap:
                 return "double"
     return "real"
+
+
+def _intrudes(report: Report, verdict: Verdict, truth: FrameTruth, rules: Rules) -> bool:
+    """Whether a report stands in the corridor straight ahead: its point, or, if it is a ghost, any of its columns.
+
+    The columns of a wall along the corridor go on to where it is far away, and then are not at the reported depth.
+    """
+    tangents = [np.tan(report.bearing_rad)]
+    if verdict == "ghost":
+        x = truth.lateral_m[0] / truth.depth_m[0]
+        tangents += [x[max(report.columns[0], 0)], x[min(report.columns[1], x.size - 1)]]
+    left_m, right_m = report.depth_m * min(tangents), report.depth_m * max(tangents)
+    return bool(left_m < rules.corridor_half_width_m and right_m > -rules.corridor_half_width_m)
 
 
 def _shared(one: Report, other: Report) -> float:
