@@ -58,10 +58,10 @@ fn added(params: &MatcherParams, scene: &Scene) -> impl Fn(usize, usize, usize) 
         .map(|y| (0..width).map(|x| (first..=last).map(|d| excess(x, y, d)).collect()).collect())
         .collect();
     let area = (params.block_size * params.block_size) as i64;
-    let factor = (i64::from(params.coarse_weight) * area * 65_536 + 199) / 200;
+    let weight = (i64::from(params.coarse_weight) * area * 256 + 99) / 100;
     move |x, y, d| {
         let at = |half_d: usize| volume[y / 2][x / 2][half_d.clamp(first, last) - first];
-        ((at(d / 2) + at(d.div_ceil(2))) * factor) >> 16
+        (at(d / 2) + at(d.div_ceil(2)) + 1) / 2 * weight / 256
     }
 }
 
@@ -151,7 +151,7 @@ fn refined_costs_are_the_same_at_every_level() {
                 let mut added = vec![u16::MAX; columns * lanes];
                 Kernels::new(level).refine(&mut RefineRow {
                     coarse_lanes,
-                    factor: 70_001,
+                    weight: 61_503,
                     costs: &costs,
                     lanes,
                     num_disparities,
@@ -175,8 +175,8 @@ fn refined_costs_are_the_same_at_every_level() {
                     let end = padding(coarse_lanes, lanes) + (x + 1) * coarse_lanes;
                     u64::from(costs[end - 1 - (half.min(largest / 2) - 3)])
                 };
-                let doubled = cost(disparity / 2) + cost(disparity.div_ceil(2));
-                assert_eq!(u64::from(value), (doubled * 70_001) >> 16, "column {x}, disparity {disparity}");
+                let mean = (cost(disparity / 2) + cost(disparity.div_ceil(2))).div_ceil(2);
+                assert_eq!(u64::from(value), mean * 61_503 / 256, "column {x}, disparity {disparity}");
             }
             for level in Level::available() {
                 assert_eq!(refined(level), refined(Level::SCALAR), "{}", level.name());

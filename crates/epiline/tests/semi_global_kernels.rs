@@ -5,7 +5,8 @@ mod guarded;
 use epiline::kernels::sad::Choice;
 use epiline::kernels::semi_global::features::{CENSUS_BYTES, CensusRow, Channel, ExtremesRow, PixelRow};
 use epiline::kernels::semi_global::{
-    CostRow, ExcessRow, HorizontalRow, NO_CANDIDATE, SumRow, VerticalRow, WindowRow, reference,
+    CostRow, ExcessRow, HorizontalRow, HorizontalRows, NO_CANDIDATE, SumRow, VerticalRow, WindowRow,
+    reference,
 };
 use epiline::kernels::{Kernels, Level};
 use proptest::prelude::*;
@@ -173,21 +174,36 @@ fn paths(case: &Case, lanes: usize, variant: Variant, out: &mut Outcome) {
     let mut noise = Noise(case.seed | 1);
     let costs = matching_costs(&mut noise, case, cells);
     let p2: Vec<u8> = noise.bytes(width, 127, case.extreme).into_iter().map(|p2| p2.max(p1)).collect();
-    let (mut left, mut right) = (Guarded::of(&vec![7; cells], 0xA5), Guarded::of(&vec![7; cells], 0xA5));
-    call!(
-        variant,
-        horizontal,
-        horizontal_row,
-        &mut HorizontalRow {
-            lanes,
-            costs: &costs,
-            p1,
-            p2: &p2,
+    // Rows are led through in pairs; one is left over.
+    let others: Vec<_> = (0..case.seed as usize % 4)
+        .map(|_| {
+            let costs = matching_costs(&mut noise, case, cells);
+            (
+                costs,
+                noise.bytes(width, 127, case.extreme).into_iter().map(|p2| p2.max(p1)).collect::<Vec<_>>(),
+            )
+        })
+        .collect();
+    let mut guarded: Vec<[Guarded<u8>; 2]> =
+        (0..=others.len()).map(|_| [0, 1].map(|_| Guarded::of(&vec![7; cells], 0xA5))).collect();
+    let inputs = std::iter::once((&costs, &p2)).chain(others.iter().map(|(costs, p2)| (costs, p2)));
+    let mut rows: Vec<HorizontalRow<'_>> = inputs
+        .zip(&mut guarded)
+        .map(|((costs, p2), [left, right])| HorizontalRow {
+            costs,
+            p2,
             from_left: left.inside(),
             from_right: right.inside(),
-        }
-    );
-    let (left, right) = (left.checked("from_left"), right.checked("from_right"));
+        })
+        .collect();
+    call!(variant, horizontal, horizontal_rows, &mut HorizontalRows { lanes, p1, rows: &mut rows });
+    let mut paths =
+        guarded.into_iter().map(|[left, right]| (left.checked("from_left"), right.checked("from_right")));
+    let (left, right) = paths.next().expect("the first row");
+    for (left, right) in paths {
+        out.push(("from_left", wide(left)));
+        out.push(("from_right", wide(right)));
+    }
     let smallest_of = |paths: &[u8]| -> Vec<u8> {
         paths.chunks(lanes).map(|lanes| *lanes.iter().min().expect("not empty")).collect()
     };

@@ -6,7 +6,7 @@
 mod guarded;
 
 use epiline::kernels::islands::BreaksRow;
-use epiline::kernels::sad::{AddRow, Choice, Cost, RowPair, RowShape, SadRow};
+use epiline::kernels::sad::{AddRow, Choice, Cost, RowPair, RowShape, SadRow, blocked_groups};
 use epiline::kernels::select::{SelectRow, Subpixel};
 use epiline::kernels::texture::TextureRow;
 use epiline::kernels::xsobel::XSobelRow;
@@ -83,9 +83,21 @@ fn run<C: CostKernels>(case: &Case, lanes: usize, kernels: &Kernels) -> Outcome<
         .map(|_| [width, padded].map(|len| noise.pixels(len, largest, case.content)))
         .collect();
     let pair = |y: usize| RowPair { left: &rows[y][0], right: &rows[y][1] };
-    let blocked_left = noise.blocks(width);
-    let blocked_right = noise.blocks(padded);
-    let blocked_lanes = noise.blocks(lanes);
+    // Some columns on the left have blocked candidates, and one somewhere else; in a third of the cases, lanes are idle.
+    let near_left = |blocks: Vec<u8>| -> Vec<u8> {
+        blocks
+            .into_iter()
+            .enumerate()
+            .map(|(i, block)| if i < case.blocked_columns { block } else { 0 })
+            .collect()
+    };
+    let (mut blocked_left, mut blocked_right) =
+        (near_left(noise.blocks(width)), near_left(noise.blocks(padded)));
+    blocked_left[case.seed as usize % width] |= 255 * (noise.next() & 1);
+    blocked_right[(case.seed >> 9) as usize % padded] |= 255 * (noise.next() & 1);
+    let mut groups = Vec::new();
+    blocked_groups(&blocked_left, &blocked_right, lanes, &mut groups);
+    let blocked_lanes = if case.seed.is_multiple_of(3) { noise.blocks(lanes) } else { vec![0; lanes] };
     // Half the cases have coarse costs, as large as 16 bits have room for.
     let room = (65_534 - usize::from(largest) * window * window).min(255) as u8;
     let cells = if case.seed.is_multiple_of(2) { width.div_ceil(2) * lanes } else { 0 };
@@ -95,7 +107,6 @@ fn run<C: CostKernels>(case: &Case, lanes: usize, kernels: &Kernels) -> Outcome<
         lanes,
         radius,
         largest_difference: largest,
-        blocked_columns: case.blocked_columns.min(width),
         uniqueness_ratio: case.uniqueness_ratio,
         left_right_reach: case.reach,
     };
@@ -117,6 +128,7 @@ fn run<C: CostKernels>(case: &Case, lanes: usize, kernels: &Kernels) -> Outcome<
             leaving: pair(y),
             blocked_left: &blocked_left,
             blocked_right: &blocked_right,
+            blocked_groups: &groups,
             blocked_lanes: &blocked_lanes,
             coarse: &coarse,
             column_sums: column_sums.inside(),

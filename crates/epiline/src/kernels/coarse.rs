@@ -2,17 +2,17 @@
 
 use super::portable;
 
-/// A coarse row, and what it adds to the costs of the two rows it stands for: `(factor · 2 C(d / 2)) >> 16`.
+/// A coarse row, and what it adds to the costs of the two rows it stands for: `weight · C(d / 2) / 256`, rounded down.
 ///
-/// Disparity `d` is `d / 2` at half the resolution; of an odd one, the cost is the mean of both neighbours', or that of
-/// the smaller one where the larger is not asked for. Lanes run downward in disparity, as in [`sad`](super::sad), hence
+/// Disparity `d` is `d / 2` at half the resolution; of an odd one, the cost is the mean of both neighbours', rounded up, or
+/// that of the smaller one where the larger is not asked for. Lanes run downward in disparity, as in [`sad`](super::sad), hence
 /// the means are those of cells that follow each other.
 #[derive(Debug)]
 pub struct RefineRow<'a> {
     /// Lanes per coarse column.
     pub coarse_lanes: usize,
-    /// What costs count, in units of `2⁻¹⁷`.
-    pub factor: u32,
+    /// What costs count, in units of 1/256.
+    pub weight: u16,
     /// [`padding`] cells of any value, then `columns * coarse_lanes` costs.
     pub costs: &'a [u8],
     /// Lanes per column, a multiple of 16.
@@ -25,9 +25,6 @@ pub struct RefineRow<'a> {
     pub added: &'a mut [u16],
 }
 
-/// The largest factor: `510·factor < 2³²`.
-pub const MAX_FACTOR: u32 = u32::MAX / 510;
-
 /// How many cells a column reads before its first: one for the mean with the next larger disparity, and those of lanes
 /// that are not asked for.
 pub fn padding(coarse_lanes: usize, lanes: usize) -> usize {
@@ -39,18 +36,16 @@ impl RefineRow<'_> {
         let Self { coarse_lanes, lanes, num_disparities, .. } = *self;
         assert!(lanes > 0 && lanes.is_multiple_of(16), "{lanes} lanes");
         assert!((1..=lanes).contains(&num_disparities), "{num_disparities} disparities in {lanes} lanes");
-        assert!(self.factor <= MAX_FACTOR, "factor");
         let cells = self.costs.len() - padding(coarse_lanes, lanes);
         assert!(cells.is_multiple_of(coarse_lanes), "costs");
         assert!(self.added.len() == cells / coarse_lanes * lanes, "added");
     }
 }
 
-/// `(doubled * factor) >> 16` of a cost, doubled so that means are whole: by the factor's halves, in words.
+/// `cost * weight / 256`, by the halves of the weight: both products fit words.
 #[inline(always)]
-fn weigh(doubled: u16, factor: u32) -> u16 {
-    let (high, low) = ((factor >> 16) as u16, factor as u16);
-    doubled * high + ((u32::from(doubled) * u32::from(low)) >> 16) as u16
+fn weigh(cost: u16, [low, high]: [u16; 2]) -> u16 {
+    cost * high + (cost * low >> 8)
 }
 
 #[inline(always)]
@@ -62,34 +57,38 @@ pub(super) fn refine_row(row: &mut RefineRow<'_>) {
     }
 }
 
-/// So many cells at a time, a constant number: they are vectors then.
+/// So many cells at a time, a constant number: they are vectors then. Loops over numbers, not over zipped slices, whose
+/// `next` would be called instead of inlined here.
 #[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "above")]
 fn refine<const CHUNK: usize>(row: &mut RefineRow<'_>) {
-    let RefineRow { coarse_lanes, factor, lanes, num_disparities, starts_odd, .. } = *row;
+    let RefineRow { coarse_lanes, weight, lanes, num_disparities, starts_odd, .. } = *row;
     let first = lanes - num_disparities;
+    let weight = [weight & 0xFF, weight >> 8];
     let ends_with_mean = first.is_multiple_of(2) == starts_odd;
-    // Costs of a column end with the smallest disparity, at either resolution.
-    let ends = (padding(coarse_lanes, lanes)..=row.costs.len()).step_by(coarse_lanes).skip(1);
-    for (added, end) in row.added.chunks_exact_mut(lanes).zip(ends) {
+    let first_end = padding(coarse_lanes, lanes) + coarse_lanes;
+    for column in 0..row.added.len() / lanes {
+        // Costs of a column end with the smallest disparity, at either resolution.
+        let end = first_end + column * coarse_lanes;
         let cells = &row.costs[end - lanes / 2 - 1..end];
-        let (even, odd) = added.split_at_mut(lanes / 2);
-        let (means, whole) = if starts_odd { (even, odd) } else { (odd, even) };
         let (larger, smaller) = (&cells[..lanes / 2], &cells[1..]);
         let of_whole = if starts_odd { smaller } else { larger };
-        let chunks = larger.as_chunks::<CHUNK>().0.iter().zip(smaller.as_chunks::<CHUNK>().0);
-        for (mean, (larger, smaller)) in means.as_chunks_mut::<CHUNK>().0.iter_mut().zip(chunks) {
+        let (even, odd) = row.added[column * lanes..(column + 1) * lanes].split_at_mut(lanes / 2);
+        let (means, whole) = if starts_odd { (even, odd) } else { (odd, even) };
+        for at in (0..lanes / 2).step_by(CHUNK) {
+            let (larger, smaller) = (&larger[at..at + CHUNK], &smaller[at..at + CHUNK]);
+            let of_whole = &of_whole[at..at + CHUNK];
+            let (mut of_means, mut own) = ([0; CHUNK], [0; CHUNK]);
             for i in 0..CHUNK {
-                mean[i] = weigh(u16::from(larger[i]) + u16::from(smaller[i]), factor);
+                let mean = (u16::from(larger[i]) + u16::from(smaller[i]) + 1) / 2;
+                of_means[i] = weigh(mean, weight);
+                own[i] = weigh(of_whole[i].into(), weight);
             }
-        }
-        let chunks = of_whole.as_chunks::<CHUNK>().0;
-        for (whole, cost) in whole.as_chunks_mut::<CHUNK>().0.iter_mut().zip(chunks) {
-            for i in 0..CHUNK {
-                whole[i] = weigh(2 * u16::from(cost[i]), factor);
-            }
+            means[at..at + CHUNK].copy_from_slice(&of_means);
+            whole[at..at + CHUNK].copy_from_slice(&own);
         }
         if ends_with_mean {
-            means[first / 2] = weigh(2 * u16::from(smaller[first / 2]), factor);
+            means[first / 2] = weigh(smaller[first / 2].into(), weight);
         }
     }
 }

@@ -26,7 +26,7 @@ use remap::RemapRow;
 use sad::{AddRow, RowShape, SadRow};
 use select::SelectRow;
 use semi_global::features::{CensusRow, ExtremesRow};
-use semi_global::{CostRow, ExcessRow, HorizontalRow, SumRow, VerticalRow, WindowRow};
+use semi_global::{CostRow, ExcessRow, HorizontalRows, SumRow, VerticalRow, WindowRow};
 use texture::TextureRow;
 use windowed::{BestRow, BestWindowsRow, BoxRow, PixelCostRow};
 use xsobel::XSobelRow;
@@ -92,7 +92,7 @@ pub struct Kernels {
     census: kernel!(CensusRow),
     cost: kernel!(CostRow),
     window: kernel!(WindowRow),
-    horizontal: kernel!(HorizontalRow),
+    horizontal: kernel!(HorizontalRows),
     vertical: kernel!(VerticalRow),
     sum: kernel!(SumRow),
     excess: kernel!(ExcessRow),
@@ -134,7 +134,7 @@ impl Kernels {
             census: semi_global::features::census,
             cost: semi_global::reference::cost_row,
             window: semi_global::reference::window_row,
-            horizontal: semi_global::reference::horizontal_row,
+            horizontal: semi_global::reference::horizontal_rows,
             vertical: semi_global::reference::vertical_row,
             sum: semi_global::reference::sum_row,
             excess: semi_global::reference::excess_row,
@@ -173,7 +173,7 @@ impl Kernels {
                     census: semi_global::features::census_row::avx512,
                     cost: semi_global::avx512::cost_row,
                     window: semi_global::avx512::window_row,
-                    horizontal: semi_global::avx512::horizontal_row,
+                    horizontal: semi_global::avx512::horizontal_rows,
                     vertical: semi_global::avx512::vertical_row,
                     sum: semi_global::avx512::sum_row,
                     excess: semi_global::avx512::excess_row,
@@ -212,7 +212,7 @@ impl Kernels {
                     census: semi_global::features::census_row::avx2,
                     cost: semi_global::avx2::cost_row,
                     window: semi_global::avx2::window_row,
-                    horizontal: semi_global::avx2::horizontal_row,
+                    horizontal: semi_global::avx2::horizontal_rows,
                     vertical: semi_global::avx2::vertical_row,
                     sum: semi_global::avx2::sum_row,
                     excess: semi_global::avx2::excess_row,
@@ -244,7 +244,7 @@ impl Kernels {
                 scratch_u16: sad::ring::scratch_len,
                 cost: semi_global::neon::cost_row,
                 window: semi_global::neon::window_row,
-                horizontal: semi_global::neon::horizontal_row,
+                horizontal: semi_global::neon::horizontal_rows,
                 vertical: semi_global::neon::vertical_row,
                 sum: semi_global::neon::sum_row,
                 excess: semi_global::neon::excess_row,
@@ -351,15 +351,15 @@ impl Kernels {
         unsafe { (self.window)(row) }
     }
 
-    /// Both horizontal paths through a row.
+    /// Both horizontal paths through rows.
     ///
     /// # Panics
-    /// If a slice has not the length that the row's `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
-    pub fn horizontal(&self, row: &mut HorizontalRow<'_>) {
-        row.check();
-        self.check_lanes(row.lanes);
+    /// If a slice has not the length that the rows' `check` demands, or lanes are none that [`lanes`](Self::lanes) gives.
+    pub fn horizontal(&self, rows: &mut HorizontalRows<'_>) {
+        rows.check();
+        self.check_lanes(rows.lanes);
         // SAFETY: the slices were checked; the table's level proves the instructions.
-        unsafe { (self.horizontal)(row) }
+        unsafe { (self.horizontal)(rows) }
     }
 
     /// One step of vertical paths.

@@ -56,6 +56,18 @@ trait Vertex: Cost {
     /// toward the lane before. `difference` is that of the neighbours' costs, after less before, and `curvature` at least
     /// as large and not 0.
     fn vertex(difference: i32, curvature: i32) -> i32;
+
+    /// Choices as four rows of numbers.
+    fn unpack(chosen: &[Choice<Self>; CHUNK]) -> Unpacked;
+}
+
+/// Costs and lanes. A blocked 32-bit cost becomes -1, a 16-bit one stays larger than any other; only equality is asked of
+/// either.
+struct Unpacked {
+    before: [i32; CHUNK],
+    best: [i32; CHUNK],
+    after: [i32; CHUNK],
+    lane: [i32; CHUNK],
 }
 
 /// What the neighbours' difference is divided by: how much the larger of their costs exceeds the best, or both together.
@@ -76,6 +88,20 @@ impl Vertex for u16 {
         // SAFETY: finite, and at most 128 in size. (A checked conversion is not vectorised.)
         unsafe { quotient.to_int_unchecked() }
     }
+
+    /// By words of two costs each: half vectors of words are told apart by one instruction, quarters one by one.
+    #[inline(always)]
+    fn unpack(chosen: &[Choice<Self>; CHUNK]) -> Unpacked {
+        // SAFETY: both are four times 16 bits each, in the layout of C.
+        let words: [[u32; 2]; CHUNK] = unsafe { std::mem::transmute(*chosen) };
+        let (mut before, mut best, mut after, mut lane) = ([0; CHUNK], [0; CHUNK], [0; CHUNK], [0; CHUNK]);
+        for i in 0..CHUNK {
+            let [costs, rest] = words[i];
+            (before[i], best[i]) = halves(costs);
+            (after[i], lane[i]) = halves(rest);
+        }
+        Unpacked { before, best, after, lane }
+    }
 }
 
 impl Vertex for u32 {
@@ -86,6 +112,24 @@ impl Vertex for u32 {
         // SAFETY: finite, and at most 128 in size.
         unsafe { quotient.to_int_unchecked() }
     }
+
+    #[inline(always)]
+    fn unpack(chosen: &[Choice<Self>; CHUNK]) -> Unpacked {
+        let (mut before, mut best, mut after, mut lane) = ([0; CHUNK], [0; CHUNK], [0; CHUNK], [0; CHUNK]);
+        for i in 0..CHUNK {
+            let choice = chosen[i];
+            (before[i], best[i]) = (choice.before.cast_signed(), choice.best.cast_signed());
+            (after[i], lane[i]) = (choice.after.cast_signed(), choice.lane.cast_signed());
+        }
+        Unpacked { before, best, after, lane }
+    }
+}
+
+/// The 16-bit numbers at the first and the second place of a word in memory.
+#[inline(always)]
+fn halves(word: u32) -> (i32, i32) {
+    let (low, high) = ((word & 0xFFFF).cast_signed(), (word >> 16).cast_signed());
+    if cfg!(target_endian = "little") { (low, high) } else { (high, low) }
 }
 
 /// Columns at a time: what is done with local arrays of a constant size is vectorised at every level. No closures: they
@@ -122,12 +166,6 @@ struct Rule {
     not_unique: u8,
 }
 
-/// A blocked 32-bit cost becomes -1; a 16-bit one stays larger than any other. Only equality is asked of it.
-#[inline(always)]
-fn signed<C: Cost>(cost: C) -> i32 {
-    cost.to_u32().cast_signed()
-}
-
 impl Rule {
     fn of<C>(row: &SelectRow<'_, C>) -> Self {
         Self {
@@ -147,16 +185,8 @@ impl Rule {
         values: &mut [u16; CHUNK],
         bits: &mut [u8; CHUNK],
     ) {
-        let blocked = signed(C::BLOCKED);
-        let (mut before, mut best, mut after) = ([0; CHUNK], [0; CHUNK], [0; CHUNK]);
-        let mut whole_256 = [0; CHUNK];
-        for i in 0..CHUNK {
-            let choice = chosen[i];
-            (before[i], best[i], after[i]) =
-                (signed(choice.before), signed(choice.best), signed(choice.after));
-            // Lanes run downward in disparity.
-            whole_256[i] = self.first_disparity_256 - signed(choice.lane) * 256;
-        }
+        let blocked = C::BLOCKED.to_u32().cast_signed();
+        let Unpacked { before, best, after, lane } = C::unpack(chosen);
         let (refine, parabola) = (self.subpixel != Subpixel::Off, self.subpixel == Subpixel::Parabola);
         for i in 0..CHUNK {
             let refined = refine & (before[i] != blocked) & (after[i] != blocked);
@@ -164,7 +194,8 @@ impl Rule {
             let before = if refined { before[i] } else { best[i] };
             let after = if refined { after[i] } else { best[i] };
             let vertex = C::vertex(after - before, curvature(parabola, before, best[i], after));
-            let disparity_256 = whole_256[i] + vertex;
+            // Lanes run downward in disparity.
+            let disparity_256 = self.first_disparity_256 - 256 * lane[i] + vertex;
             values[i] = if best[i] == blocked { 0 } else { ((disparity_256 + 15) >> 4) as u16 };
             bits[i] = if best[i] == blocked { self.no_candidate } else { 0 };
         }

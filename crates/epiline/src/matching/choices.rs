@@ -15,12 +15,15 @@ pub(super) struct Choices<C> {
     pub nearby: Vec<C>,
     pub right_best: Vec<C>,
     lanes: usize,
+    /// So many columns on the left have no disparity asked for inside the right image.
+    border: usize,
 }
 
 impl<C: CostKernels> Choices<C> {
-    /// For rows of `width` pixels with so many lanes.
-    pub fn resize(&mut self, width: usize, lanes: usize) {
+    /// For rows of `width` pixels with so many lanes, `border` of which see nothing of the right image.
+    pub fn resize(&mut self, width: usize, lanes: usize, border: usize) {
         self.lanes = lanes;
+        self.border = border.min(width);
         self.chosen.resize(width, Choice::NONE);
         self.rivals.resize(width, 0);
         self.nearby.resize(width, C::BLOCKED);
@@ -49,9 +52,8 @@ impl<C: CostKernels> Choices<C> {
         };
         C::select(kernels, row);
         let SelectRow { bits, .. } = row;
-        // Here no disparity asked for lies inside the right image, whatever has a source.
-        let width = bits.len();
-        bits[..params.min_disparity.min(width)].fill(Validity::BORDER);
+        // Whatever has a source.
+        bits[..self.border].fill(Validity::BORDER);
         if let Some(valid) = left_valid {
             let sourceless = bits.iter_mut().zip(valid).filter(|&(_, &valid)| valid == 0);
             sourceless.for_each(|(bits, _)| *bits |= Validity::NO_SOURCE);

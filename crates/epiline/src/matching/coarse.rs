@@ -7,14 +7,14 @@
 //!
 //! with the window's area `n²`, the weight `w` of [`MatcherParams::coarse_weight`], and the path sums `S` of
 //! [`semi_global`](super::semi_global) over three paths in images of half the size, whose excess is truncated at 255. At
-//! odd `d`, the excess is the mean of that at both neighbours. It says where to look, and hardly favours a disparity over
+//! odd `d`, the excess is the mean of that at both neighbours, rounded up. It says where to look, and hardly favours a disparity over
 //! its neighbour, so that the sub-pixel position remains the window's.
 
 use super::aligned::AlignedVec;
+use super::crew::Crew;
 use super::params::{MatcherParams, Method};
 use super::semi_global::{Frame, Penalties, SemiGlobal};
 use super::stripe;
-use super::threads::run_all;
 use crate::image::{Image, ImageRef};
 use crate::kernels::coarse::{RefineRow, padding};
 use crate::kernels::{Kernels, Level};
@@ -31,7 +31,7 @@ pub(super) struct CoarseCosts {
     valid: [Image<u8>; 2],
     /// Padding, then per row: half the width times the lanes.
     excess: AlignedVec<u8>,
-    factor: u32,
+    weight: u16,
 }
 
 impl CoarseCosts {
@@ -47,7 +47,7 @@ impl CoarseCosts {
             images: [Image::new(0, 0), Image::new(0, 0)],
             valid: [Image::new(0, 0), Image::new(0, 0)],
             excess: AlignedVec::default(),
-            factor: 0,
+            weight: 0,
         }
     }
 
@@ -57,7 +57,7 @@ impl CoarseCosts {
         params: &MatcherParams,
         [left, right]: [ImageRef<'_, u8>; 2],
         [left_valid, right_valid]: [Option<ImageRef<'_, u8>>; 2],
-        threads: usize,
+        crew: &Crew,
     ) {
         let (first, last) = (params.min_disparity, params.min_disparity + params.num_disparities - 1);
         self.params = MatcherParams {
@@ -73,7 +73,7 @@ impl CoarseCosts {
         };
         self.kernels = fewest_lanes(self.level, self.params.num_disparities);
         self.penalties = Penalties::new(self.params.p1, self.params.p2);
-        self.factor = params.coarse_factor();
+        self.weight = params.coarse_cost_weight();
         let halves = self.images.iter_mut().zip([left, right]).map(|(half, image)| {
             move || {
                 halve(image, half, |pixels| {
@@ -81,11 +81,7 @@ impl CoarseCosts {
                 })
             }
         });
-        if threads == 1 {
-            halves.for_each(|mut job| job());
-        } else {
-            run_all(halves);
-        }
+        crew.run_all(halves);
         let [half_left, half_right] = self.images.each_ref().map(Image::view);
         // A coarse pixel has a source if any of its pixels has: no candidate is lost.
         let mut masks = [None, None];
@@ -108,7 +104,7 @@ impl CoarseCosts {
             left_valid,
             right_valid,
         };
-        self.semi_global.compute_excess(&frame, threads, &mut self.excess[padding..]);
+        self.semi_global.compute_excess(&frame, crew, &mut self.excess[padding..]);
     }
 
     /// What coarse row `y` adds to the costs of a frame.
@@ -119,7 +115,7 @@ impl CoarseCosts {
         let padding = padding(coarse_lanes, lanes);
         frame.kernels.refine(&mut RefineRow {
             coarse_lanes,
-            factor: self.factor,
+            weight: self.weight,
             costs: &self.excess[y * cells..(y + 1) * cells + padding],
             lanes,
             num_disparities: frame.params.num_disparities,

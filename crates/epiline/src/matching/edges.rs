@@ -1,5 +1,6 @@
 //! Steps of disparity drawn to where the image has its edges.
 
+use super::crew::Crew;
 use super::map::{DisparityMap, Validity};
 use super::threads::share_rows;
 use crate::image::{Image, ImageRef};
@@ -50,7 +51,7 @@ impl EdgeSharpener {
     /// of 3x3 samples over 9x9 pixels, weighted by `exp(-|ΔI| / 12)`: the value of the surface it looks like. Where
     /// the samples differ by no more than a pixel, the value stays. The image's border is repeated; every pixel of the
     /// map has a value.
-    pub fn sharpen(&mut self, threads: usize, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
+    pub fn sharpen(&mut self, crew: &Crew, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
         let (width, height) = (map.width(), map.height());
         let Self { before, uncertain, marks, weights } = self;
         before.resize(width, height);
@@ -58,12 +59,12 @@ impl EdgeSharpener {
         uncertain.resize(width, height);
         marks.resize(width, height);
         let whole = &*map;
-        share_rows(threads, uncertain, marks, |rows, uncertain, marks| {
+        share_rows(crew, uncertain, marks, |rows, uncertain, marks| {
             let both = uncertain.chunks_exact_mut(width).zip(marks.chunks_exact_mut(width));
             rows.zip(both).for_each(|(y, (uncertain, marks))| mark(whole, y, uncertain, marks));
         });
         let (before, uncertain, weights) = (&*before, &*uncertain, &*weights);
-        share_rows(threads, &mut map.values, marks, |rows, values, marks| {
+        share_rows(crew, &mut map.values, marks, |rows, values, marks| {
             let both = values.chunks_exact_mut(width).zip(marks.chunks_exact_mut(width));
             for (y, (sharpened, marks)) in rows.zip(both) {
                 let around = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| uncertain.row(y));
@@ -173,7 +174,7 @@ mod tests {
         let (mut map, guide) = shifted_step();
         let edge = |map: &DisparityMap| map.values.row(6).iter().position(|&d| d == 320).expect("a step");
         assert_eq!(edge(&map), 23);
-        EdgeSharpener::default().sharpen(1, &mut map, guide.view());
+        Crew::assemble(1, |crew| EdgeSharpener::default().sharpen(crew, &mut map, guide.view()));
         assert_eq!(edge(&map), 25);
         assert!(map.values.as_slice().iter().all(|d| [160, 320].contains(d)));
     }
@@ -185,7 +186,7 @@ mod tests {
             *value += (i * 7 % 13) as u16;
         }
         let before = map.values.clone();
-        EdgeSharpener::default().sharpen(1, &mut map, guide.view());
+        Crew::assemble(1, |crew| EdgeSharpener::default().sharpen(crew, &mut map, guide.view()));
         for (x, y) in [(21, 0), (22, 5), (24, 11), (23, 3)] {
             let mut samples = Vec::new();
             for (i, j) in (-4..=4).step_by(4).flat_map(|j| (-4..=4).step_by(4).map(move |i| (i, j))) {
@@ -206,7 +207,7 @@ mod tests {
     fn surfaces_far_from_steps_stay() {
         let (mut map, guide) = shifted_step();
         let before = map.clone();
-        EdgeSharpener::default().sharpen(1, &mut map, guide.view());
+        Crew::assemble(1, |crew| EdgeSharpener::default().sharpen(crew, &mut map, guide.view()));
         let away = |x: &usize| !(21..=24).contains(x);
         for y in 0..12 {
             (0..40).filter(away).for_each(|x| assert_eq!(map.values.row(y)[x], before.values.row(y)[x]));

@@ -1,5 +1,6 @@
 //! An answer everywhere: what is missing is taken from the background, and single outliers are removed.
 
+use super::crew::Crew;
 use super::edges::EdgeSharpener;
 use super::map::{DisparityMap, Validity};
 use super::threads::share_rows;
@@ -20,10 +21,10 @@ impl Filler {
     ///
     /// Then a median over 3x3 pixels, the border repeated; and steps of disparity are drawn to the edges of the image
     /// `guide`, which has the map's size.
-    pub fn fill(&mut self, threads: usize, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
+    pub fn fill(&mut self, crew: &Crew, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
         let (width, height) = (map.width(), map.height());
         let Self { filled, sharpener } = self;
-        share_rows(threads, &mut map.values, &mut map.validity, |_, values, bits| {
+        share_rows(crew, &mut map.values, &mut map.validity, |_, values, bits| {
             values
                 .chunks_exact_mut(width)
                 .zip(bits.chunks_exact_mut(width))
@@ -43,13 +44,13 @@ impl Filler {
         }
         filled.resize(width, height);
         filled.as_mut_slice().copy_from_slice(map.values.as_slice());
-        share_rows(threads, &mut map.values, &mut map.validity, |rows, values, _| {
+        share_rows(crew, &mut map.values, &mut map.validity, |rows, values, _| {
             for (y, values) in rows.zip(values.chunks_exact_mut(width)) {
                 let around = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| filled.row(y));
                 median_row(around, values);
             }
         });
-        sharpener.sharpen(threads, map, guide);
+        sharpener.sharpen(crew, map, guide);
     }
 }
 

@@ -3,18 +3,19 @@
 use std::ops::Range;
 
 use super::coarse::CoarseCosts;
+use super::crew::{Crew, thread_count};
 use super::fill::Filler;
 use super::map::{DisparityMap, Validity};
 use super::params::{MatcherParams, Method};
 use super::prepared::PreparedPair;
 use super::regions::{Group, MatchRegion, Reach, Rect, RegionMap, Tile, groups};
+use super::row_queue::{Direction, MapRows, RowQueue};
 use super::saturation::SaturationTest;
 use super::semi_global::{self, Penalties, SemiGlobal};
 use super::smooth::Smoother;
 use super::speckle::SpeckleFilter;
 use super::stripe::{Frame, Stripe};
 use super::texture_test::TextureTest;
-use super::threads::{run_all, stripes, thread_count};
 use super::windowed::{self, WindowStripe};
 use crate::error::Result;
 use crate::image::ImageRef;
@@ -138,7 +139,8 @@ impl StereoMatcher {
         require_sizes(left, right, left_valid, right_valid)?;
         self.params.require_width(left.width())?;
         let params = self.params;
-        self.compute_whole(&params, &MaskedPair { left, right, left_valid, right_valid }, out);
+        let pair = MaskedPair { left, right, left_valid, right_valid };
+        Crew::assemble(self.threads, |crew| self.compute_whole(crew, &params, &pair, out));
         Ok(())
     }
 
@@ -175,22 +177,16 @@ impl StereoMatcher {
         out.min_disparity = groups.iter().map(|group| group.params.min_disparity).min().unwrap_or(0);
         out.num_disparities = groups.iter().map(end).max().unwrap_or(0) - out.min_disparity;
         let mut region_map = std::mem::take(&mut self.region_map);
-        for group in &groups {
-            region_map.start(width, height, &group.asked);
-            match Reach::of(&group.params) {
-                None => self.compute_whole(&group.params, &pair, &mut region_map.map),
-                Some(reach) => self.compute_near(group, reach, &pair, &mut region_map),
-            }
-            for Rect { columns, rows } in &group.asked {
-                for y in rows.clone() {
-                    let columns = columns.clone();
-                    out.values.row_mut(y)[columns.clone()]
-                        .copy_from_slice(&region_map.map.values.row(y)[columns.clone()]);
-                    out.validity.row_mut(y)[columns.clone()]
-                        .copy_from_slice(&region_map.map.validity.row(y)[columns]);
+        Crew::assemble(self.threads, |crew| {
+            for group in &groups {
+                region_map.start(width, height, &group.asked);
+                match Reach::of(&group.params) {
+                    None => self.compute_whole(crew, &group.params, &pair, &mut region_map.map),
+                    Some(reach) => self.compute_near(crew, group, reach, &pair, &mut region_map),
                 }
+                region_map.copy_to(&group.asked, out);
             }
-        }
+        });
         self.region_map = region_map;
         Ok(())
     }
@@ -198,6 +194,7 @@ impl StereoMatcher {
     /// Answers what a group asks for from crops of the images.
     fn compute_near(
         &mut self,
+        crew: &Crew,
         group: &Group,
         reach: Reach,
         pair: &MaskedPair<'_>,
@@ -210,7 +207,8 @@ impl StereoMatcher {
         while !wanted.is_empty() {
             for tile in reach.tiles(&wanted, width, height) {
                 let crop = reach.around(&tile.bounds, width, height);
-                self.compute_tile(params, &pair.crop(&crop), &tile, &crop);
+                let first_column = reach.first_matched(&tile.bounds, &crop);
+                self.compute_tile(crew, params, &pair.crop(&crop), &tile, &crop, first_column);
                 region_map.take(&tile, crop.columns.start, &self.tile_map);
             }
             if params.speckle_size == 0 {
@@ -218,70 +216,84 @@ impl StereoMatcher {
             }
             region_map.clear_speckles();
             let (size, range) = (params.speckle_size, params.speckle_range);
-            self.speckle.mark(&self.kernels, self.threads, &mut region_map.map, size, range);
+            let rows = region_map.rows();
+            self.speckle.mark(&self.kernels, crew, &mut region_map.map, rows, size, range);
             wanted = region_map.undecided(params.speckle_range, margin);
             margin *= 2;
         }
     }
 
     /// Matches the rows of a tile in a crop of the pair, which is `crop` in the image, into `tile_map`.
-    fn compute_tile(&mut self, params: &MatcherParams, pair: &MaskedPair<'_>, tile: &Tile, crop: &Rect) {
+    fn compute_tile(
+        &mut self,
+        crew: &Crew,
+        params: &MatcherParams,
+        pair: &MaskedPair<'_>,
+        tile: &Tile,
+        crop: &Rect,
+        first_column: usize,
+    ) {
         let Rect { rows, .. } = &tile.bounds;
         let mut tile_map = std::mem::take(&mut self.tile_map);
         tile_map.resize(crop.columns.len(), rows.len());
-        self.match_rows(
-            params,
-            pair,
-            rows.start - crop.rows.start..rows.end - crop.rows.start,
-            &mut tile_map,
-        );
+        let rows = rows.start - crop.rows.start..rows.end - crop.rows.start;
+        self.match_rows(crew, params, pair, rows, first_column, &mut tile_map);
         self.tile_map = tile_map;
     }
 
     /// Every step, for the whole image.
-    fn compute_whole(&mut self, params: &MatcherParams, pair: &MaskedPair<'_>, out: &mut DisparityMap) {
+    fn compute_whole(
+        &mut self,
+        crew: &Crew,
+        params: &MatcherParams,
+        pair: &MaskedPair<'_>,
+        out: &mut DisparityMap,
+    ) {
         out.resize(pair.left.width(), pair.left.height());
         out.min_disparity = params.min_disparity;
         out.num_disparities = params.num_disparities;
-        self.match_rows(params, pair, 0..pair.left.height(), out);
+        self.match_rows(crew, params, pair, 0..pair.left.height(), 0, out);
         if params.speckle_size > 0 {
             let (size, range) = (params.speckle_size, params.speckle_range);
-            self.speckle.mark(&self.kernels, self.threads, out, size, range);
+            self.speckle.mark(&self.kernels, crew, out, 0..pair.left.height(), size, range);
         }
         if params.fill {
-            self.filler.fill(self.threads, out, pair.left);
+            self.filler.fill(crew, out, pair.left);
         }
         if params.smooth {
-            self.smoother.smooth(self.threads, out, pair.left);
+            self.smoother.smooth(crew, out, pair.left);
         }
     }
 
     /// Everything that is decided row by row, for some rows of a pair; paths need all of them. `out` has the pair's width
-    /// and those rows.
+    /// and those rows; columns left of `first_column` may get any value.
     fn match_rows(
         &mut self,
+        crew: &Crew,
         params: &MatcherParams,
         pair: &MaskedPair<'_>,
         rows: Range<usize>,
+        first_column: usize,
         out: &mut DisparityMap,
     ) {
         let &MaskedPair { left, right, left_valid, right_valid } = pair;
-        let Self { kernels, threads, pair, coarse, buffers, texture, saturation, .. } = self;
+        let Self { kernels, pair, coarse, buffers, texture, saturation, .. } = self;
         if let Buffers::U16(_) | Buffers::U32(_) = buffers {
             let lanes = kernels.lanes(params.num_disparities);
-            pair.prepare(kernels, params, lanes, left, right, *threads);
+            pair.prepare(kernels, params, lanes, left, right, crew);
         }
         if let Some(coarse) = coarse {
-            coarse.compute(params, [left, right], [left_valid, right_valid], *threads);
+            coarse.compute(params, [left, right], [left_valid, right_valid], crew);
         }
-        let frame = Frame { kernels, params, pair, left_valid, right_valid, coarse: coarse.as_ref() };
+        let coarse = coarse.as_ref();
+        let frame = Frame { kernels, params, pair, left_valid, right_valid, coarse, first_column };
         let first_row = rows.start;
         match buffers {
-            Buffers::U16(stripes) => compute_stripes(stripes, &frame, rows, *threads, out),
-            Buffers::U32(stripes) => compute_stripes(stripes, &frame, rows, *threads, out),
+            Buffers::U16(stripes) => compute_stripes(stripes, &frame, rows, crew, out),
+            Buffers::U32(stripes) => compute_stripes(stripes, &frame, rows, crew, out),
             Buffers::Windowed(stripes) => {
                 let frame = windowed::Frame { kernels, params, left, right, left_valid, right_valid };
-                compute_stripes(stripes, &frame, rows, *threads, out);
+                compute_stripes(stripes, &frame, rows, crew, out);
                 if params.texture_threshold > 0 {
                     texture.mark(kernels, params, left, first_row, out);
                 }
@@ -290,7 +302,7 @@ impl StereoMatcher {
                 let (buffers, penalties) = &mut **buffers;
                 let frame =
                     semi_global::Frame { kernels, params, penalties, left, right, left_valid, right_valid };
-                buffers.compute(&frame, *threads, out);
+                buffers.compute(&frame, crew, out);
             }
         }
         if params.saturation_threshold > 0 {
@@ -315,15 +327,21 @@ pub(super) fn require_sizes(
     Ok(())
 }
 
-/// What matches a stripe of rows of a frame `F`, with buffers of its own.
+/// What matches rows of a frame `F`, with buffers of its own.
 trait StripeBuffers<F>: Default + Send {
-    /// Matches some rows. `values` and `bits` hold those rows of the disparity map.
-    fn compute(&mut self, frame: &F, rows: Range<usize>, values: &mut [u16], bits: &mut [u8]);
+    /// Matches the rows of a queue on their way in a direction; row 0 of the map is row `first` of the images.
+    fn compute(&mut self, frame: &F, first: usize, direction: Direction, queue: &RowQueue<MapRows<'_>>);
 }
 
 impl<C: CostKernels> StripeBuffers<Frame<'_>> for Stripe<C> {
-    fn compute(&mut self, frame: &Frame<'_>, rows: Range<usize>, values: &mut [u16], bits: &mut [u8]) {
-        self.compute(frame, rows, values, bits);
+    fn compute(
+        &mut self,
+        frame: &Frame<'_>,
+        first: usize,
+        direction: Direction,
+        queue: &RowQueue<MapRows<'_>>,
+    ) {
+        self.compute(frame, first, direction, queue);
     }
 }
 
@@ -331,31 +349,28 @@ impl StripeBuffers<windowed::Frame<'_>> for WindowStripe {
     fn compute(
         &mut self,
         frame: &windowed::Frame<'_>,
-        rows: Range<usize>,
-        values: &mut [u16],
-        bits: &mut [u8],
+        first: usize,
+        direction: Direction,
+        queue: &RowQueue<MapRows<'_>>,
     ) {
-        self.compute(frame, rows, values, bits);
+        self.compute(frame, first, direction, queue);
     }
 }
+
+/// Fewer rows than this are not worth a thread: a window's rows must be summed before the first.
+const MIN_ROWS: usize = 32;
 
 fn compute_stripes<F: Sync, S: StripeBuffers<F>>(
     buffers: &mut Vec<S>,
     frame: &F,
     rows: Range<usize>,
-    threads: usize,
+    crew: &Crew,
     out: &mut DisparityMap,
 ) {
-    let (width, height, first) = (out.width(), rows.len(), rows.start);
-    let count = stripes(height, threads).len();
-    buffers.resize_with(count.max(buffers.len()), S::default);
-    let (mut values, mut bits) = (out.values.as_mut_slice(), out.validity.as_mut_slice());
-    let jobs = stripes(height, threads).zip(buffers).map(|(rows, stripe)| {
-        let (stripe_values, stripe_bits);
-        (stripe_values, values) = std::mem::take(&mut values).split_at_mut(rows.len() * width);
-        (stripe_bits, bits) = std::mem::take(&mut bits).split_at_mut(rows.len() * width);
-        let rows = first + rows.start..first + rows.end;
-        move || stripe.compute(frame, rows, stripe_values, stripe_bits)
-    });
-    run_all(jobs);
+    let workers = crew.size().min(rows.len().div_ceil(MIN_ROWS));
+    buffers.resize_with(workers.max(buffers.len()), S::default);
+    let stripes = &RowQueue::stripes(rows.len(), workers, MapRows::of(out));
+    crew.run_all(buffers[..workers].iter_mut().enumerate().map(|(worker, stripe)| {
+        move || stripe.compute(frame, rows.start, Direction::of_worker(worker), stripes.of_worker(worker))
+    }));
 }

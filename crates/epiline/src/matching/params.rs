@@ -161,10 +161,10 @@ impl MatcherParams {
         }
     }
 
-    /// What the excess of coarse costs counts per window, in units of `2⁻¹⁷`, rounded up.
-    pub(super) fn coarse_factor(&self) -> u32 {
+    /// What the excess of coarse costs counts per window, in units of 1/256, rounded up: `25 %·31²·256 < 2¹⁶`.
+    pub(super) fn coarse_cost_weight(&self) -> u16 {
         let area = (self.block_size * self.block_size) as u32;
-        (u32::from(self.coarse_weight) * area * 65_536).div_ceil(200)
+        (u32::from(self.coarse_weight) * area * 256).div_ceil(100) as u16
     }
 
     /// Whether costs from half the resolution are added to those of windows.
@@ -174,8 +174,7 @@ impl MatcherParams {
 
     /// Whether 16 bits are enough for the costs of [`Method::Sad`].
     pub(super) fn fits_u16(&self) -> bool {
-        // The excess is at most 255, that is, 510 halves.
-        let coarse = (510 * u64::from(self.coarse_factor())) >> 16;
+        let coarse = (u32::from(u8::MAX) * u32::from(self.coarse_cost_weight())) >> 8;
         fits_u16(self.largest_difference(), self.block_size, coarse as usize)
     }
 

@@ -1,8 +1,8 @@
 //! The pair as the kernels read it: prefiltered, right rows padded.
 
-use rayon::prelude::*;
-
+use super::crew::Crew;
 use super::params::{MatcherParams, Prefilter};
+use super::threads::share_rows;
 use crate::image::{Image, ImageRef};
 use crate::kernels::Kernels;
 use crate::kernels::sad::RowPair;
@@ -28,7 +28,7 @@ impl PreparedPair {
         lanes: usize,
         left: ImageRef<'_, u8>,
         right: ImageRef<'_, u8>,
-        threads: usize,
+        crew: &Crew,
     ) {
         let (width, height) = (left.width(), left.height());
         // Lane 0 of column 0 is the largest disparity, so many pixels left of the image.
@@ -41,24 +41,15 @@ impl PreparedPair {
             Prefilter::None => row.copy_from_slice(image.row(y)),
             Prefilter::XSobel => xsobel_row(kernels, image, y, cap, row),
         };
-        let rows = |(y, (left_row, right_row)): (usize, (&mut [u8], &mut [u8]))| {
-            filter(left, y, left_row);
-            let (pad, inside) = right_row.split_at_mut(padding);
-            filter(right, y, inside);
-            pad.fill(inside[0]);
-        };
-        let (lefts, rights) = (self.left.as_mut_slice(), self.right.as_mut_slice());
-        if threads == 1 {
-            lefts.chunks_mut(width).zip(rights.chunks_mut(padding + width)).enumerate().for_each(rows);
-        } else {
-            let rows_per_job = height.div_ceil(threads);
-            lefts
-                .par_chunks_mut(width)
-                .zip(rights.par_chunks_mut(padding + width))
-                .enumerate()
-                .with_min_len(rows_per_job)
-                .for_each(rows);
-        }
+        share_rows(crew, &mut self.left, &mut self.right, |rows, lefts, rights| {
+            let both = lefts.chunks_exact_mut(width).zip(rights.chunks_exact_mut(padding + width));
+            for (y, (left_row, right_row)) in rows.zip(both) {
+                filter(left, y, left_row);
+                let (pad, inside) = right_row.split_at_mut(padding);
+                filter(right, y, inside);
+                pad.fill(inside[0]);
+            }
+        });
 
         let separate_texture = params.texture_threshold > 0 && params.prefilter == Prefilter::None;
         if !separate_texture {

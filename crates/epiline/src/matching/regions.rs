@@ -181,6 +181,8 @@ pub(super) struct Tile {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reach {
     left: usize,
+    /// How far to the left pixels are matched, not only looked at in the right image.
+    matched_left: usize,
     right: usize,
     rows: usize,
 }
@@ -198,11 +200,12 @@ impl Reach {
             Method::Census | Method::Bt => params.radius() + 2,
             Method::Sgm => return None,
         };
-        // The right pixel's other candidates lie so far to the right, and no further left than the largest disparity.
+        // The right pixel's other candidates lie so far to the right, or to the left.
         let others = params.left_right_reach().map_or(0, |_| params.num_disparities - 1);
         let candidates = params.min_disparity + params.num_disparities - 1;
         let is_local = !params.fill && !params.smooth && !params.is_guided();
-        is_local.then_some(Self { left: rows + candidates, right: rows + others, rows })
+        let (left, right) = (rows + candidates, rows + others);
+        is_local.then_some(Self { left, matched_left: rows + others, right, rows })
     }
 
     /// The crop of an image that answers `rect`.
@@ -216,10 +219,16 @@ impl Reach {
         }
     }
 
+    /// The first column of the crop that has to be matched to answer `rect`.
+    pub fn first_matched(&self, rect: &Rect, crop: &Rect) -> usize {
+        rect.columns.start.saturating_sub(self.matched_left).saturating_sub(crop.columns.start)
+    }
+
     fn cost(&self, rect: &Rect, width: usize, height: usize) -> usize {
         let crop = self.around(rect, width, height);
+        let columns = crop.columns.len() - self.first_matched(rect, &crop);
         // Rows of the margin are summed, but not searched: about half the work.
-        crop.columns.len() * (rect.rows.len() + crop.rows.len()) / 2
+        columns * (rect.rows.len() + crop.rows.len()) / 2
     }
 
     /// Joins rectangles into tiles while that costs nothing.
@@ -261,7 +270,6 @@ impl RegionMap {
     /// Nothing computed yet.
     pub fn start(&mut self, width: usize, height: usize, asked: &[Rect]) {
         self.map.resize(width, height);
-        self.map.values.fill(0);
         self.map.validity.fill(Validity::BORDER);
         self.state.resize(width, height);
         self.state.fill(0);
@@ -269,6 +277,12 @@ impl RegionMap {
         for rect in asked {
             rect.rows.clone().for_each(|y| self.state.row_mut(y)[rect.columns.clone()].fill(ASKED));
         }
+    }
+
+    /// The rows in which something has been computed.
+    pub fn rows(&self) -> Range<usize> {
+        let rows = self.done.iter().map(|rect| rect.rows.clone());
+        rows.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end)).unwrap_or(0..0)
     }
 
     /// Takes a tile's answers from `tile_map`, whose first pixel is the crop's first column and the bounds' first row.
@@ -285,6 +299,18 @@ impl RegionMap {
                 self.state.row_mut(y)[columns].iter_mut().for_each(|state| *state |= COMPUTED);
             }
             self.done.push(core.clone());
+        }
+    }
+
+    /// Copies the answers of some rectangles.
+    pub fn copy_to(&self, asked: &[Rect], out: &mut DisparityMap) {
+        for Rect { columns, rows } in asked {
+            for y in rows.clone() {
+                let columns = columns.clone();
+                out.values.row_mut(y)[columns.clone()]
+                    .copy_from_slice(&self.map.values.row(y)[columns.clone()]);
+                out.validity.row_mut(y)[columns.clone()].copy_from_slice(&self.map.validity.row(y)[columns]);
+            }
         }
     }
 

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
+use super::crew::Crew;
 use super::map::{DisparityMap, Validity};
-use super::threads::run_all;
 use crate::image::{Image, ImageRef};
 
 /// Rows, or columns, that are solved side by side, one to a vector's lane.
@@ -63,15 +63,16 @@ struct Strip {
 
 impl Smoother {
     /// Smooths a map of the image `guide`, which has its size.
-    pub fn smooth(&mut self, threads: usize, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
+    pub fn smooth(&mut self, crew: &Crew, map: &mut DisparityMap, guide: ImageRef<'_, u8>) {
         let Self { bonds, strips } = self;
         let bonds = &*bonds;
-        strips.resize_with(threads, Strip::default);
+        let jobs = crew.size();
+        strips.resize_with(jobs, Strip::default);
         let validity = &map.validity;
         let (width, height) = (map.values.width(), map.values.height());
 
         let mut rest = map.values.as_mut_slice();
-        run_all(shares(height, threads).zip(&mut *strips).map(|(rows, strip)| {
+        crew.run_all(shares(height, jobs).zip(&mut *strips).map(|(rows, strip)| {
             let own;
             (own, rest) = std::mem::take(&mut rest).split_at_mut(rows.len() * width);
             move || {
@@ -82,7 +83,7 @@ impl Smoother {
         }));
 
         // Columns that are neighbours share cache lines, so each thread has a block of them, in every row.
-        let blocks = shares(width, threads);
+        let blocks = shares(width, jobs);
         let mut parts: Vec<Vec<&mut [u16]>> = blocks.clone().map(|_| Vec::with_capacity(height)).collect();
         for mut row in map.values.as_mut_slice().chunks_exact_mut(width) {
             for (columns, part) in blocks.clone().zip(&mut parts) {
@@ -91,7 +92,7 @@ impl Smoother {
                 part.push(own);
             }
         }
-        run_all(blocks.zip(parts).zip(strips).map(|((columns, mut part), strip)| {
+        crew.run_all(blocks.zip(parts).zip(strips).map(|((columns, mut part), strip)| {
             move || {
                 for first in columns.clone().step_by(STRIP) {
                     let columns = first - columns.start..columns.len().min(first - columns.start + STRIP);
@@ -102,10 +103,10 @@ impl Smoother {
     }
 }
 
-/// Ranges of `0..len` for so many threads, all but the last a multiple of [`STRIP`] long.
-fn shares(len: usize, threads: usize) -> impl Iterator<Item = Range<usize>> + Clone {
+/// Ranges of `0..len` for so many jobs, all but the last a multiple of [`STRIP`] long.
+fn shares(len: usize, jobs: usize) -> impl Iterator<Item = Range<usize>> + Clone {
     let strips = len.div_ceil(STRIP);
-    let count = threads.min(strips);
+    let count = jobs.min(strips);
     (0..count).map(move |i| strips * i / count * STRIP..len.min(strips * (i + 1) / count * STRIP))
 }
 
@@ -283,7 +284,7 @@ mod tests {
                 let column = solve_densely(&values, &narrow(&bits), &narrow(&grey));
                 (0..height).for_each(|y| expected.values.row_mut(y)[x] = column[y]);
             }
-            Smoother::default().smooth(1, &mut map, guide.view());
+            Crew::assemble(1, |crew| Smoother::default().smooth(crew, &mut map, guide.view()));
             let off = map.values.as_slice().iter().zip(expected.values.as_slice());
             // Single precision may round a half the other way, in the rows and then once more in the columns.
             assert!(off.clone().all(|(a, b)| a.abs_diff(*b) <= 1), "{width}x{height}");
@@ -296,7 +297,7 @@ mod tests {
         let (map, guide) = scene(83, 71);
         let of = |threads: usize| {
             let mut map = map.clone();
-            Smoother::default().smooth(threads, &mut map, guide.view());
+            Crew::assemble(threads, |crew| Smoother::default().smooth(crew, &mut map, guide.view()));
             map
         };
         (2..9).for_each(|threads| assert!(of(threads) == of(1), "{threads} threads"));
@@ -314,7 +315,7 @@ mod tests {
         map.values.row_mut(7)[9] = 83;
         map.validity.row_mut(7)[9] = Validity::SPECKLE;
         let before = map.clone();
-        Smoother::default().smooth(1, &mut map, Image::new(40, 20).view());
+        Crew::assemble(1, |crew| Smoother::default().smooth(crew, &mut map, Image::new(40, 20).view()));
         assert_eq!(map, before);
     }
 }

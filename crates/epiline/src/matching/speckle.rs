@@ -2,8 +2,9 @@
 
 use std::ops::Range;
 
+use super::crew::Crew;
 use super::map::{DisparityMap, Validity};
-use super::threads::{run_all, stripes};
+use super::threads::stripes;
 use crate::kernels::Kernels;
 use crate::kernels::islands::BreaksRow;
 
@@ -185,30 +186,35 @@ pub(super) struct SpeckleFilter {
 }
 
 impl SpeckleFilter {
-    /// Marks islands of at most `size` pixels; disparities within `range_px` hang together.
+    /// Marks islands of at most `size` pixels among some rows; disparities within `range_px` hang together.
     pub fn mark(
         &mut self,
         kernels: &Kernels,
-        threads: usize,
+        crew: &Crew,
         map: &mut DisparityMap,
+        rows: Range<usize>,
         size: usize,
         range_px: u16,
     ) {
-        let (width, height) = (map.width(), map.height());
+        let width = map.width();
         let range = range_px.saturating_mul(DisparityMap::SCALE);
-        let count = stripes(height, threads).len();
-        self.stripes.resize_with(count, StripeRuns::default);
+        let first_row = rows.start;
+        let stripes = || {
+            let stripes = stripes(rows.len(), crew.size());
+            stripes.map(|rows| first_row + rows.start..first_row + rows.end)
+        };
+        self.stripes.resize_with(stripes().count(), StripeRuns::default);
         let whole = &*map;
-        run_all(
-            stripes(height, threads)
+        crew.run_all(
+            stripes()
                 .zip(&mut self.stripes)
                 .map(|(rows, stripe)| move || stripe.find(kernels, whole, rows, range)),
         );
-        self.join_stripes(whole, range, stripes(height, threads).map(|rows| rows.end));
+        self.join_stripes(whole, range, stripes().map(|rows| rows.end));
 
         let forest = &self.forest;
-        let (mut bits, mut first) = (map.validity.as_mut_slice(), 0);
-        run_all(stripes(height, threads).zip(&self.stripes).map(|(rows, stripe)| {
+        let (mut bits, mut first) = (&mut map.validity.as_mut_slice()[first_row * width..], 0);
+        crew.run_all(stripes().zip(&self.stripes).map(|(rows, stripe)| {
             let own;
             (own, bits) = std::mem::take(&mut bits).split_at_mut(rows.len() * width);
             let own_first = first;
@@ -259,7 +265,9 @@ mod tests {
     fn speckles(rows: &[&str], size: usize, range_px: u16) -> Vec<String> {
         let mut map = map(rows);
         let kernels = Kernels::new(Level::SCALAR);
-        SpeckleFilter::default().mark(&kernels, 1, &mut map, size, range_px);
+        Crew::assemble(1, |crew| {
+            SpeckleFilter::default().mark(&kernels, crew, &mut map, 0..rows.len(), size, range_px)
+        });
         let show = |&bits: &u8| if bits & Validity::SPECKLE != 0 { 's' } else { '-' };
         (0..map.height()).map(|y| map.validity.row(y).iter().map(show).collect()).collect()
     }
@@ -298,7 +306,9 @@ mod tests {
         for kernels in Level::available().map(Kernels::new) {
             let of = |threads: usize| {
                 let mut map = scene.clone();
-                SpeckleFilter::default().mark(&kernels, threads, &mut map, 30, 0);
+                Crew::assemble(threads, |crew| {
+                    SpeckleFilter::default().mark(&kernels, crew, &mut map, 0..height, 30, 0);
+                });
                 map
             };
             let alone = of(1);

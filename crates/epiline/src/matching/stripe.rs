@@ -13,9 +13,10 @@ use super::coarse::CoarseCosts;
 use super::map::Validity;
 use super::params::MatcherParams;
 use super::prepared::PreparedPair;
+use super::row_queue::{Direction, MapRows, RowQueue};
 use super::texture::TextureSums;
 use crate::image::ImageRef;
-use crate::kernels::sad::{AddRow, RowShape, SadRow};
+use crate::kernels::sad::{AddRow, RowPair, RowShape, SadRow, blocked_groups};
 use crate::kernels::{CostKernels, Kernels};
 
 /// What every stripe of a frame reads.
@@ -28,26 +29,33 @@ pub(super) struct Frame<'a> {
     pub right_valid: Option<ImageRef<'a, u8>>,
     /// What is known from half the resolution.
     pub coarse: Option<&'a CoarseCosts>,
+    /// Columns from here on are matched; what is left of them is there for the right image's sake.
+    pub first_column: usize,
 }
 
 impl Frame<'_> {
     fn shape(&self) -> RowShape {
         let params = self.params;
         let lanes = self.kernels.lanes(params.num_disparities);
-        let width = self.pair.width();
-        let everywhere =
-            lanes != params.num_disparities || self.left_valid.is_some() || self.right_valid.is_some();
-        // Near the left edge the larger disparities point outside the right image.
-        let near_edge = (params.min_disparity + lanes - 1).min(width);
         RowShape {
-            width,
+            width: self.pair.width() - self.first_column,
             lanes,
             radius: params.radius(),
             largest_difference: params.largest_difference(),
-            blocked_columns: if everywhere { width } else { near_edge },
             uniqueness_ratio: params.uniqueness_ratio.into(),
             left_right_reach: params.left_right_reach(),
         }
+    }
+
+    /// A row of both images from the first column on.
+    fn row(&self, y: isize) -> RowPair<'_> {
+        let RowPair { left, right } = self.pair.row(y);
+        RowPair { left: &left[self.first_column..], right: &right[self.first_column..] }
+    }
+
+    /// So too of the left image's x-Sobel.
+    fn texture_row(&self, y: isize) -> &[u8] {
+        &self.pair.texture_row(y)[self.first_column..]
     }
 }
 
@@ -56,47 +64,74 @@ impl Frame<'_> {
 pub(super) struct Stripe<C> {
     column_sums: AlignedVec<C>,
     coarse: AlignedVec<u16>,
+    /// The row at half the resolution that they are of.
+    coarse_row: Option<usize>,
     scratch: AlignedVec<C>,
     blocked: BlockedPixels,
+    blocked_groups: Vec<u8>,
     choices: Choices<C>,
     texture: TextureSums,
 }
 
 impl<C: CostKernels> Stripe<C> {
-    /// Matches some rows. `values` and `bits` hold those rows of the disparity map.
-    pub fn compute(&mut self, frame: &Frame<'_>, rows: Range<usize>, values: &mut [u16], bits: &mut [u8]) {
+    /// Matches the rows of a queue on their way in a direction; row 0 of the map is row `first` of the images.
+    pub fn compute(
+        &mut self,
+        frame: &Frame<'_>,
+        first: usize,
+        direction: Direction,
+        queue: &RowQueue<MapRows<'_>>,
+    ) {
         let shape = frame.shape();
-        self.prepare(frame, &shape, rows.start);
-        let outputs = values.chunks_exact_mut(shape.width).zip(bits.chunks_exact_mut(shape.width));
-        for (y, (values, bits)) in rows.clone().zip(outputs) {
-            if let Some(coarse) = frame.coarse
-                && (y == rows.start || y.is_multiple_of(2))
-            {
-                coarse.refine(frame, y / 2, &mut self.coarse);
+        let mut is_ready = false;
+        while let Some((rows, MapRows { values, bits, .. })) = queue.take(direction, 1) {
+            let y = first + rows.start;
+            if !is_ready {
+                self.prepare(frame, &shape, direction.rows_before(y, shape.radius));
+                is_ready = true;
             }
-            self.compute_row(frame, shape, y, values, bits);
+            self.refine(frame, y);
+            let columns = frame.first_column..;
+            self.compute_row(frame, shape, y, direction, &mut values[columns.clone()], &mut bits[columns]);
         }
     }
 
-    /// Sizes the buffers and fills the window with the rows above the first.
-    fn prepare(&mut self, frame: &Frame<'_>, shape: &RowShape, first_row: usize) {
+    /// Sizes the buffers and fills the window with some rows.
+    fn prepare(&mut self, frame: &Frame<'_>, shape: &RowShape, rows: Range<isize>) {
         let RowShape { width, lanes, radius, .. } = *shape;
         self.column_sums.reset(width * lanes, C::ZERO);
         self.coarse.reset(if frame.coarse.is_some() { width.div_ceil(2) * lanes } else { 0 }, 0);
+        self.coarse_row = None;
         self.scratch.reset(C::scratch_len(frame.kernels, shape), C::BLOCKED);
-        self.blocked.reset(width, lanes, frame.params);
-        self.choices.resize(width, lanes);
+        self.blocked.reset(frame.pair.width(), lanes, frame.params);
+        self.find_blocked_groups(frame, lanes);
+        let border = frame.params.min_disparity.saturating_sub(frame.first_column);
+        self.choices.resize(width, lanes, border);
         self.texture.reset(width, radius);
-
-        let (first_row, radius) = (first_row as isize, radius as isize);
-        for y in first_row - radius - 1..first_row + radius {
+        for y in rows {
             C::add(
                 frame.kernels,
-                &mut AddRow { lanes, row: frame.pair.row(y), column_sums: &mut self.column_sums },
+                &mut AddRow { lanes, row: frame.row(y), column_sums: &mut self.column_sums },
             );
             if frame.params.texture_threshold > 0 {
-                self.texture.enter(frame.pair.texture_row(y), frame.params.prefilter_cap);
+                self.texture.enter(frame.texture_row(y), frame.params.prefilter_cap);
             }
+        }
+    }
+
+    fn find_blocked_groups(&mut self, frame: &Frame<'_>, lanes: usize) {
+        let BlockedPixels { left, right, .. } = &self.blocked;
+        let columns = frame.first_column..;
+        blocked_groups(&left[columns.clone()], &right[columns], lanes, &mut self.blocked_groups);
+    }
+
+    /// What is known of row `y` from half the resolution; it is the same for two rows.
+    fn refine(&mut self, frame: &Frame<'_>, y: usize) {
+        if let Some(coarse) = frame.coarse
+            && self.coarse_row != Some(y / 2)
+        {
+            coarse.refine(frame, y / 2, &mut self.coarse);
+            self.coarse_row = Some(y / 2);
         }
     }
 
@@ -105,21 +140,25 @@ impl<C: CostKernels> Stripe<C> {
         frame: &Frame<'_>,
         shape: RowShape,
         y: usize,
+        direction: Direction,
         values: &mut [u16],
         bits: &mut [u8],
     ) {
-        let Frame { kernels, params, pair, .. } = *frame;
-        let (entering_y, leaving_y) =
-            (y as isize + shape.radius as isize, y as isize - shape.radius as isize - 1);
-        self.blocked.read([frame.left_valid, frame.right_valid], y);
+        let Frame { kernels, params, first_column, .. } = *frame;
+        let (entering_y, leaving_y) = direction.entering_and_leaving(y, shape.radius);
+        if frame.left_valid.is_some() || frame.right_valid.is_some() {
+            self.blocked.read([frame.left_valid, frame.right_valid], y);
+            self.find_blocked_groups(frame, shape.lanes);
+        }
         C::sad(
             kernels,
             &mut SadRow {
                 shape,
-                entering: pair.row(entering_y),
-                leaving: pair.row(leaving_y),
-                blocked_left: &self.blocked.left,
-                blocked_right: &self.blocked.right,
+                entering: frame.row(entering_y),
+                leaving: frame.row(leaving_y),
+                blocked_left: &self.blocked.left[first_column..],
+                blocked_right: &self.blocked.right[first_column..],
+                blocked_groups: &self.blocked_groups,
                 blocked_lanes: &self.blocked.lanes,
                 coarse: &self.coarse,
                 column_sums: &mut self.column_sums,
@@ -130,11 +169,12 @@ impl<C: CostKernels> Stripe<C> {
                 right_best: &mut self.choices.right_best,
             },
         );
-        self.choices.select(kernels, params, frame.left_valid.map(|valid| valid.row(y)), values, bits);
+        let left_valid = frame.left_valid.map(|valid| &valid.row(y)[first_column..]);
+        self.choices.select(kernels, params, left_valid, values, bits);
         if params.texture_threshold > 0 {
             let (level, threshold) = (params.prefilter_cap, params.texture_threshold);
-            self.texture.enter(pair.texture_row(entering_y), level);
-            self.texture.leave(pair.texture_row(leaving_y), level);
+            self.texture.enter(frame.texture_row(entering_y), level);
+            self.texture.leave(frame.texture_row(leaving_y), level);
             let (bit, except) = (Validity::LOW_TEXTURE, Validity::NO_CANDIDATE);
             self.texture.mark(kernels, threshold, bit, except, bits);
         }

@@ -11,6 +11,7 @@ use super::blocked::BlockedPixels;
 use super::choices::Choices;
 use super::features::Features;
 use super::params::{MatcherParams, Method, Prefilter};
+use super::row_queue::{Direction, MapRows, RowQueue};
 use crate::image::ImageRef;
 use crate::kernels::Kernels;
 use crate::kernels::semi_global::features::PixelRow;
@@ -50,6 +51,12 @@ impl Frame<'_> {
         }
     }
 
+    /// The rows of the windows above and below those of row `y`.
+    fn corner_rows(&self, y: usize) -> (usize, usize) {
+        let distance = self.corner_distance().unwrap_or(0);
+        (y.saturating_sub(distance), (y + distance).min(self.last_row()))
+    }
+
     /// How far the windows beside the pixel's own are from it, if there are any, px.
     fn corner_distance(&self) -> Option<usize> {
         (self.params.method == Method::Sad5).then_some(self.params.radius())
@@ -75,28 +82,38 @@ pub(super) struct WindowStripe {
     column_sums: AlignedVec<u16>,
     /// Box sums of the rows that costs follow from; row `y` lies at `y` modulo their number.
     boxes: Vec<AlignedVec<u16>>,
-    /// The first row whose box sums have not been computed.
-    next_boxes: usize,
+    /// Rows whose box sums have been computed, of which the ring has the last.
+    summed: Range<usize>,
     costs: AlignedVec<u16>,
     blocked: BlockedPixels,
     choices: Choices<u16>,
 }
 
 impl WindowStripe {
-    /// Matches some rows. `values` and `bits` hold those rows of the disparity map.
-    pub fn compute(&mut self, frame: &Frame<'_>, rows: Range<usize>, values: &mut [u16], bits: &mut [u8]) {
-        self.prepare(frame, rows.start);
-        let outputs = values.chunks_exact_mut(frame.width()).zip(bits.chunks_exact_mut(frame.width()));
-        for (y, (values, bits)) in rows.zip(outputs) {
-            self.sum_costs(frame, y);
+    /// Matches the rows of a queue on their way in a direction; row 0 of the map is row `first` of the images.
+    pub fn compute(
+        &mut self,
+        frame: &Frame<'_>,
+        first: usize,
+        direction: Direction,
+        queue: &RowQueue<MapRows<'_>>,
+    ) {
+        let mut is_ready = false;
+        while let Some((rows, MapRows { values, bits, .. })) = queue.take(direction, 1) {
+            let y = first + rows.start;
+            if !is_ready {
+                self.prepare(frame, y, direction);
+                is_ready = true;
+            }
+            self.sum_costs(frame, y, direction);
             self.choose(frame, y);
             let left_valid = frame.left_valid.map(|valid| valid.row(y));
             self.choices.select(frame.kernels, frame.params, left_valid, values, bits);
         }
     }
 
-    /// Sizes the buffers and fills the window with the rows above those of the first box sums.
-    fn prepare(&mut self, frame: &Frame<'_>, first_row: usize) {
+    /// Sizes the buffers and fills the window with the rows before those of the first box sums.
+    fn prepare(&mut self, frame: &Frame<'_>, y: usize, direction: Direction) {
         let (params, width, lanes) = (frame.params, frame.width(), frame.lanes());
         let cells = width * lanes;
         self.left.resize(width, 0);
@@ -109,10 +126,14 @@ impl WindowStripe {
         self.boxes.iter_mut().for_each(|row| row.reset(cells, 0));
         self.costs.reset(cells, 0);
         self.blocked.reset(width, lanes, params);
-        self.choices.resize(width, lanes);
-        self.next_boxes = first_row.saturating_sub(distance.unwrap_or(0));
-        let (first, radius) = (self.next_boxes as isize, params.radius() as isize);
-        (first - radius..first + radius).for_each(|y| self.enter(frame, y));
+        self.choices.resize(width, lanes, params.min_disparity);
+        let (above, below) = frame.corner_rows(y);
+        let first = match direction {
+            Direction::Down => above,
+            Direction::Up => below,
+        };
+        self.summed = direction.empty_before(first);
+        direction.rows_before(first, params.radius()).for_each(|y| self.enter(frame, y));
     }
 
     /// Row `y`, clamped to the image, takes the place of the one that entered a window before.
@@ -136,22 +157,22 @@ impl WindowStripe {
     }
 
     /// Costs of row `y`, the next one, before anything is blocked.
-    fn sum_costs(&mut self, frame: &Frame<'_>, y: usize) {
+    fn sum_costs(&mut self, frame: &Frame<'_>, y: usize, direction: Direction) {
         let (lanes, radius) = (frame.lanes(), frame.params.radius());
         let Some(distance) = frame.corner_distance() else {
-            self.enter(frame, (y + radius) as isize);
+            self.enter(frame, direction.entering_and_leaving(y, radius).0);
             let Self { column_sums, costs: boxes, .. } = self;
             frame.kernels.boxes(&mut BoxRow { lanes, radius, column_sums, boxes });
             return;
         };
-        let (above, below) = (y.saturating_sub(distance), (y + distance).min(frame.last_row()));
-        for row in self.next_boxes..=below {
-            self.enter(frame, (row + radius) as isize);
+        let (above, below) = frame.corner_rows(y);
+        while let Some(row) = direction.next_after(&self.summed, above..below + 1) {
+            self.enter(frame, direction.entering_and_leaving(row, radius).0);
             let slot = row % self.boxes.len();
             let (column_sums, boxes) = (&self.column_sums, &mut self.boxes[slot]);
             frame.kernels.boxes(&mut BoxRow { lanes, radius, column_sums, boxes });
+            self.summed = self.summed.start.min(row)..self.summed.end.max(row + 1);
         }
-        self.next_boxes = below + 1;
         let [above, middle, below] = [above, y, below].map(|row| &*self.boxes[row % self.boxes.len()]);
         let costs = &mut self.costs;
         frame.kernels.best_windows(&mut BestWindowsRow {

@@ -121,6 +121,31 @@ impl RowPair<'_> {
     }
 }
 
+/// Columns that are looked at together for whether some of their candidates are blocked.
+pub const GROUP: usize = 16;
+
+/// For each [`GROUP`] of columns 1 if a candidate of theirs is blocked by its left or its right pixel, else 0. Most rows
+/// have such columns near their ends only.
+pub fn blocked_groups(left: &[u8], right: &[u8], lanes: usize, groups: &mut Vec<u8>) {
+    groups.clear();
+    let mut next_right = 0;
+    for (i, left) in left.chunks(GROUP).enumerate() {
+        let rights = i * GROUP..i * GROUP + left.len() + lanes - 1;
+        next_right = first_set(right, next_right.max(rights.start));
+        groups.push(u8::from(next_right < rights.end || first_set(left, 0) < left.len()));
+    }
+}
+
+/// Where the first cell from `from` on is that is not 0.
+fn first_set(cells: &[u8], from: usize) -> usize {
+    let cells = &cells[from..];
+    let (words, rest) = cells.as_chunks::<8>();
+    let zeros = 8 * words.iter().take_while(|&&word| word == [0; 8]).count();
+    let of_word = |word: &[u8; 8]| u64::from_le_bytes(*word).trailing_zeros() as usize / 8;
+    let clear = rest.iter().take_while(|&&cell| cell == 0).count();
+    from + zeros + words.get(zeros / 8).map_or(clear, of_word)
+}
+
 /// Adds the differences of one row to the column sums: `sums[c][k] += |left[c] - right[c + k]|`.
 #[derive(Debug)]
 pub struct AddRow<'a, C> {
@@ -169,8 +194,6 @@ pub struct RowShape {
     pub radius: usize,
     /// The largest difference of two pixels.
     pub largest_difference: u8,
-    /// The leftmost so many columns have blocked candidates; `blocked_left` and `blocked_right` are read for those.
-    pub blocked_columns: usize,
     /// Percent above the best cost within which candidates are counted; 0 counts none.
     pub uniqueness_ratio: u32,
     /// For the left–right test: how far around the best lane [`SadRow::nearby`] looks.
@@ -190,6 +213,8 @@ pub struct SadRow<'a, C> {
     pub blocked_left: &'a [u8],
     /// Per padded right column (indexed as [`RowPair::right`]): 0, or 255 if outside or without source.
     pub blocked_right: &'a [u8],
+    /// What [`blocked_groups`] says of both.
+    pub blocked_groups: &'a [u8],
     /// Per lane: 0, or 255 where it is not a disparity asked for.
     pub blocked_lanes: &'a [u8],
     /// Added to the window sums, or empty. Columns `2i` and `2i + 1` share `lanes` cells: first those of the even lanes,
@@ -221,6 +246,7 @@ impl<C> SadRow<'_, C> {
         self.leaving.check(width, lanes);
         assert!(self.blocked_left.len() == width, "blocked_left");
         assert!(self.blocked_right.len() == width + lanes - 1, "blocked_right");
+        assert!(self.blocked_groups.len() == width.div_ceil(GROUP), "blocked_groups");
         assert!(self.blocked_lanes.len() == lanes, "blocked_lanes");
         assert!(self.column_sums.len() == width * lanes, "column_sums");
         assert!(self.coarse.is_empty() || self.coarse.len() == width.div_ceil(2) * lanes, "coarse");
@@ -249,6 +275,29 @@ mod tests {
             assert!(
                 fits_u16(difference, largest_block, rest) && !fits_u16(difference, largest_block, rest + 1)
             );
+        }
+    }
+
+    #[test]
+    fn groups_tell_of_every_blocked_candidate() {
+        let mut state = 1_u32;
+        for case in 0..2000 {
+            let mut next = |n: usize| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 16) as usize % n
+            };
+            let (width, lanes) = (1 + next(70), 16 * (1 + next(3)));
+            let (mut left, mut right) = (vec![0; width], vec![0; width + lanes - 1]);
+            (0..next(3)).for_each(|_| left[next(width)] = 255);
+            (0..next(3)).for_each(|_| right[next(width + lanes - 1)] = 255);
+            let mut groups = vec![9];
+            blocked_groups(&left, &right, lanes, &mut groups);
+            for (group, &blocked) in groups.iter().enumerate() {
+                let mut columns = group * GROUP..((group + 1) * GROUP).min(width);
+                let any = columns.any(|x| left[x] != 0 || (0..lanes).any(|k| right[x + k] != 0));
+                assert_eq!(blocked, u8::from(any), "case {case}, group {group}");
+            }
+            assert_eq!(groups.len(), width.div_ceil(GROUP));
         }
     }
 

@@ -5,10 +5,10 @@
     reason = "iterator adaptors do not inherit the instruction set, loops do"
 )]
 
-use super::{Choice, Cost};
+use super::{Choice, Cost, GROUP};
 
 /// Pixels at a time of what is decided for many at once, a batch after their costs are computed.
-pub(super) const BATCH: usize = 16;
+pub(super) const BATCH: usize = GROUP;
 
 /// Numbers assembled by [`choose`] as what they stand for.
 #[inline(always)]

@@ -95,8 +95,7 @@ fn add_coarse<C: Cost>(row: &mut SadRow<'_, C>) {
 /// What is not a candidate gets a cost that loses against every candidate's.
 #[inline(always)]
 fn block<C: Cost>(row: &mut SadRow<'_, C>) {
-    for x in 0..row.shape.blocked_columns {
-        let costs = &mut row.scratch[x * row.shape.lanes..(x + 1) * row.shape.lanes];
+    for (x, costs) in row.scratch.chunks_exact_mut(row.shape.lanes).enumerate() {
         let blocked = row.blocked_right[x..].iter().zip(row.blocked_lanes);
         for (cost, (&right, &lane)) in costs.iter_mut().zip(blocked) {
             *cost = if row.blocked_left[x] | right | lane == 0 { *cost } else { C::BLOCKED };

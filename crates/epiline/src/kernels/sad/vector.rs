@@ -119,8 +119,8 @@ pub(super) unsafe fn sad_row<
     let RowShape { width, radius, lanes, .. } = row.shape;
     let reach = row.shape.left_right_reach.unwrap_or(0);
     let last = width - 1;
-    // Columns, but for the last, whose window lies inside the image and all of whose lanes are candidates.
-    let inner = row.shape.blocked_columns.max(radius + 1)..width - radius.clamp(1, width);
+    // Columns, but for the last, whose window and that before lie inside the image.
+    let inner = radius + 1..width - radius.clamp(1, width);
     // SAFETY: the caller's promises are passed on. The ring is indexed as `Ring` demands.
     unsafe {
         let ring = Ring::new(row.scratch, &row.shape);
@@ -136,7 +136,8 @@ pub(super) unsafe fn sad_row<
             let end = (batch + BATCH).min(width);
             // A batch never wraps around: the ring's length is a multiple of it.
             let mut cells = ring.column(batch);
-            if inner.start <= batch && batch + BATCH <= inner.end {
+            let blocked = *row.blocked_groups.get_unchecked(batch / BATCH) != 0;
+            if inner.start <= batch && batch + BATCH <= inner.end && !blocked {
                 for x in batch..batch + BATCH {
                     walk.column::<SMALL, LEFT_RIGHT, COARSE, false>(row, x, &ring, cells, &mut picked);
                     cells = cells.add(ring.stride);
@@ -260,6 +261,8 @@ struct Walk<V, const P: usize> {
     at_before: usize,
     /// [`rival_factor`] of the uniqueness ratio.
     rival_factor: u64,
+    /// All ones in lanes that are not asked for.
+    idle: Column<V, P>,
 }
 
 /// `ceil(ratio / 100 · 2²³)`: see [`rival_limit`].
@@ -309,6 +312,11 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
                 }
             }
             let blocked = [[V::splat(u16::BLOCKED); 2]; P];
+            let mut idle = blocked;
+            for p in 0..P {
+                let lanes = row.blocked_lanes.as_ptr().add(2 * p * V::COUNT);
+                idle[p] = V::blocked(0, lanes, lanes);
+            }
             Self {
                 pixels,
                 sums,
@@ -318,6 +326,7 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
                 before: blocked,
                 at_before: 0,
                 rival_factor: rival_factor(uniqueness_ratio),
+                idle,
             }
         }
     }
@@ -326,7 +335,7 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
     ///
     /// # Safety
     /// As [`sad_row`]; `cells` is the column's place in the ring. If not `EDGE`, the window around `x` and the one
-    /// before lie inside the image, no lane is blocked, and a column follows.
+    /// before lie inside the image, no pixel blocks a candidate, and a column follows.
     #[inline(always)]
     unsafe fn column<const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool, const EDGE: bool>(
         &mut self,
@@ -336,7 +345,7 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
         cells: *mut u16,
         picked: &mut Picked,
     ) {
-        let RowShape { width, radius, blocked_columns, uniqueness_ratio, left_right_reach, .. } = self.shape;
+        let RowShape { width, radius, uniqueness_ratio, left_right_reach, .. } = self.shape;
         let (sums, last) = (self.sums, width - 1);
         // SAFETY: column `c <= last` has its sums at `c * LANES`, its right pixels and their blocks at
         // `c..c + LANES`; `check` made the slices that long.
@@ -366,7 +375,10 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
                     costs[p][1] = costs[p][1].add(V::load(odd.add(p * V::COUNT)));
                 }
             }
-            if EDGE && x < blocked_columns {
+            for p in 0..P {
+                costs[p] = [costs[p][0].or(self.idle[p][0]), costs[p][1].or(self.idle[p][1])];
+            }
+            if EDGE {
                 let left = *row.blocked_left.get_unchecked(x);
                 let (rights, lanes) = (row.blocked_right.as_ptr().add(x), row.blocked_lanes.as_ptr());
                 for p in 0..P {

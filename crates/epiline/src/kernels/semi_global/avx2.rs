@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 
 use super::vector::{self, Bytes};
-use super::{CostRow, ExcessRow, HorizontalRow, SumRow, VerticalRow, WindowRow};
+use super::{CostRow, ExcessRow, HorizontalRows, SumRow, VerticalRow, WindowRow};
 use crate::kernels::sad::avx2::U16x16;
 
 #[derive(Clone, Copy)]

@@ -115,15 +115,22 @@ impl WindowRow<'_> {
     }
 }
 
-/// Both horizontal paths through a row.
+/// Both horizontal paths through each of some rows.
 #[derive(Debug)]
-pub struct HorizontalRow<'a> {
+pub struct HorizontalRows<'a> {
     /// Lanes per column.
     pub lanes: usize,
-    /// Matching costs, `width * lanes`.
-    pub costs: &'a [u8],
     /// Penalty for a step of one disparity.
     pub p1: u8,
+    /// The rows.
+    pub rows: &'a mut [HorizontalRow<'a>],
+}
+
+/// One of [`HorizontalRows`].
+#[derive(Debug)]
+pub struct HorizontalRow<'a> {
+    /// Matching costs, `width * lanes`.
+    pub costs: &'a [u8],
     /// Per column: penalty for larger steps between it and the column before; the first is not read.
     pub p2: &'a [u8],
     /// Out: costs of the path that comes from the left. `width * lanes`.
@@ -132,12 +139,15 @@ pub struct HorizontalRow<'a> {
     pub from_right: &'a mut [u8],
 }
 
-impl HorizontalRow<'_> {
+impl HorizontalRows<'_> {
     pub(super) fn check(&self) {
-        let cells = self.p2.len() * self.lanes;
-        assert!(cells > 0, "an empty row");
-        assert!(self.costs.len() == cells, "costs");
-        assert!(self.from_left.len() == cells && self.from_right.len() == cells, "path costs");
+        let width = self.rows.first().map_or(0, |row| row.p2.len());
+        let cells = width * self.lanes;
+        for row in &*self.rows {
+            assert!(cells > 0 && row.p2.len() == width, "an empty row, or rows of different widths");
+            assert!(row.costs.len() == cells, "costs");
+            assert!(row.from_left.len() == cells && row.from_right.len() == cells, "path costs");
+        }
     }
 }
 

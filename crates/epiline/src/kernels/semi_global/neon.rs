@@ -3,7 +3,7 @@
 use std::arch::aarch64::*;
 
 use super::vector::{self, Bytes};
-use super::{CostRow, ExcessRow, HorizontalRow, SumRow, VerticalRow, WindowRow};
+use super::{CostRow, ExcessRow, HorizontalRows, SumRow, VerticalRow, WindowRow};
 use crate::kernels::sad::neon::U16x8;
 
 #[derive(Clone, Copy)]

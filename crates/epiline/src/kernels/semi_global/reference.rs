@@ -1,7 +1,10 @@
 //! The definitions of [`semi_global`](super) in plain safe code: what the variants are held to, and the fallback.
 
 use super::features::{Channel, PixelRow};
-use super::{CostRow, ExcessRow, HorizontalRow, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow, WindowRow};
+use super::{
+    CostRow, ExcessRow, HorizontalRow, HorizontalRows, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow,
+    WindowRow,
+};
 use crate::kernels::sad::reference::{find_best, find_nearby, find_right_best};
 
 /// Birchfield and Tomasi's difference: how far a value lies outside the other image's values within half a pixel; the
@@ -85,22 +88,27 @@ fn step(before: &[u8], smallest: u8, costs: &[u8], p1: u8, p2: u8, after: &mut [
     after.iter().copied().min().unwrap_or(NO_CANDIDATE)
 }
 
-/// See [`HorizontalRow`].
-pub fn horizontal_row(row: &mut HorizontalRow<'_>) {
-    let (width, lanes) = (row.p2.len(), row.lanes);
+/// See [`HorizontalRows`].
+pub fn horizontal_rows(rows: &mut HorizontalRows<'_>) {
+    let (lanes, p1) = (rows.lanes, rows.p1);
+    rows.rows.iter_mut().for_each(|row| horizontal_row(row, lanes, p1));
+}
+
+fn horizontal_row(row: &mut HorizontalRow<'_>, lanes: usize, p1: u8) {
+    let width = row.p2.len();
     let at = |x: usize| x * lanes..(x + 1) * lanes;
     let start = vec![0; lanes];
     let mut smallest = 0;
     for x in 0..width {
         let (before, after) = row.from_left.split_at_mut(x * lanes);
         let before = if x > 0 { &before[at(x - 1)] } else { &start };
-        smallest = step(before, smallest, &row.costs[at(x)], row.p1, row.p2[x], &mut after[..lanes]);
+        smallest = step(before, smallest, &row.costs[at(x)], p1, row.p2[x], &mut after[..lanes]);
     }
     smallest = 0;
     for x in (0..width).rev() {
         let (after, before) = row.from_right.split_at_mut((x + 1) * lanes);
         let (before, p2) = if x + 1 < width { (&before[..lanes], row.p2[x + 1]) } else { (&start[..], 0) };
-        smallest = step(before, smallest, &row.costs[at(x)], row.p1, p2, &mut after[at(x)]);
+        smallest = step(before, smallest, &row.costs[at(x)], p1, p2, &mut after[at(x)]);
     }
 }
 

@@ -4,8 +4,8 @@
 //!
 //! 1. Lanes of a pixel are read `V::COUNT` at a time; neighbouring lanes come from shifting vectors, not from loads that
 //!    straddle what was stored a moment ago.
-//! 2. Both horizontal paths advance in one loop: each step waits for the smallest cost of the step before, and two
-//!    chains that do not know each other fill the wait.
+//! 2. Both horizontal paths advance in one loop, of two rows where there are registers for that: each step waits for the
+//!    smallest cost of the step before, and chains that do not know each other fill the wait.
 //! 3. Along a path the number of vectors is a constant, so that the pixel before stays in registers.
 //! 4. No vector passes through a closure, and no array through an iterator by value: what they expand to is compiled
 //!    without the instruction set, and not always inlined.
@@ -16,7 +16,10 @@
 #![expect(clippy::needless_range_loop, reason = "4. above")]
 
 use super::features::Channel;
-use super::{CostRow, ExcessRow, HorizontalRow, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow, WindowRow};
+use super::{
+    CostRow, ExcessRow, HorizontalRow, HorizontalRows, LARGEST_COST, NO_CANDIDATE, SumRow, VerticalRow,
+    WindowRow,
+};
 use crate::kernels::sad::Choice;
 use crate::kernels::sad::reference::{choice_at, find_nearby, rival_limit};
 use crate::kernels::sad::vector::Lanes;
@@ -239,24 +242,51 @@ impl<V: Bytes, const N: usize> Path<V, N> {
     }
 }
 
-/// See [`HorizontalRow`].
+/// See [`HorizontalRows`].
 ///
 /// # Safety
 /// As [`cost_row`], with exactly `N` vectors of lanes.
 #[inline(always)]
-pub(super) unsafe fn horizontal_row<V: Bytes, const N: usize>(row: &mut HorizontalRow<'_>) {
-    let (lanes, width) = (N * V::COUNT, row.p2.len());
-    // SAFETY: every column has `lanes` cells from `x * lanes` on.
+pub(super) unsafe fn horizontal_rows<V: Bytes, const N: usize>(rows: &mut HorizontalRows<'_>) {
+    // SAFETY: the caller's.
     unsafe {
-        let p1 = V::splat(row.p1);
-        let (mut from_left, mut from_right) = (Path::<V, N>::start(), Path::<V, N>::start());
+        let p1 = V::splat(rows.p1);
+        // Two rows of more vectors do not fit the registers.
+        let (pairs, rest) =
+            if N <= 2 { rows.rows.as_chunks_mut::<2>() } else { (&mut [][..], &mut *rows.rows) };
+        for pair in pairs {
+            walk_along::<V, N, 2>(pair, p1);
+        }
+        for row in rest.as_chunks_mut::<1>().0 {
+            walk_along::<V, N, 1>(row, p1);
+        }
+    }
+}
+
+/// Both paths through each of some rows, step by step.
+///
+/// # Safety
+/// As [`horizontal_rows`].
+#[inline(always)]
+unsafe fn walk_along<V: Bytes, const N: usize, const ROWS: usize>(
+    rows: &mut [HorizontalRow<'_>; ROWS],
+    p1: V,
+) {
+    let (lanes, width) = (N * V::COUNT, rows[0].p2.len());
+    // SAFETY: every column has `lanes` cells from `x * lanes` on, in rows of one width.
+    unsafe {
+        let (mut from_left, mut from_right) = ([Path::<V, N>::start(); ROWS], [Path::<V, N>::start(); ROWS]);
         for x in 0..width {
-            let (costs, p2) = (row.costs.as_ptr(), *row.p2.get_unchecked(x));
-            from_left.step(costs.add(x * lanes), p1, p2, row.from_left.as_mut_ptr().add(x * lanes));
             let mirrored = width - 1 - x;
-            let p2 = row.p2.get(mirrored + 1).copied().unwrap_or(0);
-            let after = row.from_right.as_mut_ptr().add(mirrored * lanes);
-            from_right.step(costs.add(mirrored * lanes), p1, p2, after);
+            for i in 0..ROWS {
+                let row = &mut rows[i];
+                let (costs, p2) = (row.costs.as_ptr(), *row.p2.get_unchecked(x));
+                let after = row.from_left.as_mut_ptr().add(x * lanes);
+                from_left[i].step(costs.add(x * lanes), p1, p2, after);
+                let p2 = row.p2.get(mirrored + 1).copied().unwrap_or(0);
+                let after = row.from_right.as_mut_ptr().add(mirrored * lanes);
+                from_right[i].step(costs.add(mirrored * lanes), p1, p2, after);
+            }
         }
     }
 }
@@ -264,7 +294,7 @@ pub(super) unsafe fn horizontal_row<V: Bytes, const N: usize>(row: &mut Horizont
 /// See [`VerticalRow`].
 ///
 /// # Safety
-/// As [`horizontal_row`].
+/// As [`horizontal_rows`].
 #[inline(always)]
 pub(super) unsafe fn vertical_row<V: Bytes, const N: usize>(row: &mut VerticalRow<'_>) {
     let lanes = N * V::COUNT;
@@ -287,7 +317,7 @@ pub(super) unsafe fn vertical_row<V: Bytes, const N: usize>(row: &mut VerticalRo
 /// See [`SumRow`].
 ///
 /// # Safety
-/// As [`horizontal_row`]; `LEFT_RIGHT` tells whether `left_right_reach` is set.
+/// As [`horizontal_rows`]; `LEFT_RIGHT` tells whether `left_right_reach` is set.
 #[inline(always)]
 pub(super) unsafe fn sum_row<V: Bytes, const N: usize, const LEFT_RIGHT: bool>(row: &mut SumRow<'_>) {
     let lanes = N * V::COUNT;
@@ -375,7 +405,7 @@ pub(super) unsafe fn sum_row<V: Bytes, const N: usize, const LEFT_RIGHT: bool>(r
 /// See [`ExcessRow`].
 ///
 /// # Safety
-/// As [`horizontal_row`].
+/// As [`horizontal_rows`].
 #[inline(always)]
 pub(super) unsafe fn excess_row<V: Bytes, const N: usize>(row: &mut ExcessRow<'_>) {
     let lanes = N * V::COUNT;
@@ -458,18 +488,18 @@ macro_rules! entries {
         /// # Safety
         /// As that of the vectors' kernel.
         #[target_feature(enable = $features)]
-        unsafe fn horizontal_instance<const N: usize>(row: &mut HorizontalRow<'_>) {
+        unsafe fn horizontal_instance<const N: usize>(rows: &mut HorizontalRows<'_>) {
             // SAFETY: the caller's.
-            unsafe { vector::horizontal_row::<$vector, N>(row) }
+            unsafe { vector::horizontal_rows::<$vector, N>(rows) }
         }
 
-        /// See [`HorizontalRow`].
+        /// See [`HorizontalRows`].
         ///
         /// # Safety
         /// As above.
         #[target_feature(enable = $features)]
-        pub unsafe fn horizontal_row(row: &mut HorizontalRow<'_>) {
-            vector::dispatch!(horizontal_instance, row, <$vector as Bytes>::COUNT);
+        pub unsafe fn horizontal_rows(rows: &mut HorizontalRows<'_>) {
+            vector::dispatch!(horizontal_instance, rows, <$vector as Bytes>::COUNT);
         }
 
         /// # Safety

@@ -1,31 +1,35 @@
 //! Semi-global matching of a frame: costs, paths, sums, in bands of rows.
 //!
-//! Horizontal paths stay within a row and vertical ones within a column, so every phase of a band has something that its
-//! jobs can share out: rows for costs, columns for vertical paths, rows for the rest. No path runs across two jobs' parts,
-//! hence the result does not depend on how many there are.
+//! Horizontal paths stay within a row and vertical ones within a column. A thread takes a band, sums its matching costs,
+//! waits until the vertical paths have come to the band, leads them through, and then does what remains for each row by
+//! itself, while others lead the paths further. A band is small enough to stay in the thread's cache.
 //!
-//! Three paths (from the left, the right and above) need a band of costs at a time. The fourth, from below, begins at the
-//! image's end: then matching costs and the path from above are kept for the whole image, `2·width·height·lanes` bytes.
+//! Three paths (from the left, the right and above) need nothing more than the band. The fourth, from below, meets the
+//! other in the middle: threads going down and threads going up first keep costs and vertical paths of the rows they take,
+//! `2·width·height·lanes` bytes together, and then go on through the rows of the others, which have all that was missing.
+//!
+//! Every path costs the same whoever leads it, so the result does not depend on how many threads there are.
 
 mod costs;
 mod penalties;
 mod rows;
 
-use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
-use self::costs::CostRows;
+use self::costs::CostPool;
 pub(super) use self::penalties::Penalties;
-use self::rows::{Disparities, Excess, PathRows, Sink, Vertical};
+use self::rows::{ByteRows, PathRows, Sink, VerticalPaths};
 use super::aligned::AlignedVec;
+use super::crew::Crew;
 use super::map::DisparityMap;
 use super::params::MatcherParams;
+use super::row_queue::{Direction, MapRows, RowQueue};
 use super::texture_test::TextureTest;
-use super::threads::run_all;
 use crate::image::ImageRef;
 use crate::kernels::Kernels;
 
-/// Rows of a band per thread. Costs of the rows above a job's first are summed again.
-const ROWS_PER_JOB: usize = 32;
+/// What costs and vertical paths of a band may take of a core's cache, bytes.
+const BAND_BYTES: usize = 512 * 1024;
 
 /// What every job of a frame reads.
 #[derive(Clone, Copy)]
@@ -56,25 +60,54 @@ impl Frame<'_> {
     fn height(&self) -> usize {
         self.left.height()
     }
+
+    /// Costs of a row.
+    fn cells(&self) -> usize {
+        self.width() * self.lanes()
+    }
+
+    /// Rows of a band. Every band costs its threads a few microseconds, whatever its size.
+    fn band_rows(&self) -> usize {
+        (BAND_BYTES / (2 * self.cells())).clamp(3, 16)
+    }
+}
+
+/// One of the volumes, row by row: who holds a row's lock works on it.
+type Volume = Vec<Mutex<AlignedVec<u8>>>;
+
+/// Sizes the rows for a frame.
+fn resize(volume: &mut Volume, rows: usize, frame: &Frame<'_>) {
+    volume.resize_with(rows, Mutex::default);
+    for row in volume {
+        row.get_mut().unwrap_or_else(PoisonError::into_inner).resize(frame.cells(), 0);
+    }
 }
 
 /// The buffers of the method.
 #[derive(Debug, Default)]
 pub(super) struct SemiGlobal {
-    costs: AlignedVec<u8>,
-    above: AlignedVec<u8>,
-    below: AlignedVec<u8>,
-    vertical: Vertical,
-    cost_rows: Vec<CostRows>,
-    path_rows: Vec<PathRows>,
+    cost_pool: CostPool,
+    down: VerticalPaths,
+    up: VerticalPaths,
+    workers: Vec<Worker>,
+    /// For four paths, of the whole image: costs, and the vertical path that came by first.
+    kept_costs: Volume,
+    kept_paths: Volume,
     texture: TextureTest,
+}
+
+/// The buffers of one thread: costs and vertical paths of a band.
+#[derive(Debug, Default)]
+struct Worker {
+    costs: Volume,
+    paths: Volume,
+    rows: PathRows,
 }
 
 impl SemiGlobal {
     /// Matches a pair into `out`, which has its size.
-    pub fn compute(&mut self, frame: &Frame<'_>, threads: usize, out: &mut DisparityMap) {
-        let sink = Disparities { values: out.values.as_mut_slice(), bits: out.validity.as_mut_slice() };
-        self.match_bands(frame, threads, sink);
+    pub fn compute(&mut self, frame: &Frame<'_>, crew: &Crew, out: &mut DisparityMap) {
+        self.match_rows(frame, crew, MapRows::of(out));
         if frame.params.texture_threshold > 0 {
             self.texture.mark(frame.kernels, frame.params, frame.left, 0, out);
         }
@@ -82,96 +115,80 @@ impl SemiGlobal {
 
     /// How much the sum of each candidate exceeds the smallest of its pixel, 255 at most and where there is no candidate;
     /// 0 for all lanes of a pixel without any. `width * lanes` per row.
-    pub fn compute_excess(&mut self, frame: &Frame<'_>, threads: usize, excess: &mut [u8]) {
-        self.match_bands(frame, threads, Excess(excess));
+    pub fn compute_excess(&mut self, frame: &Frame<'_>, crew: &Crew, excess: &mut [u8]) {
+        self.match_rows(frame, crew, ByteRows { cells: frame.cells(), bytes: excess });
     }
 
-    fn match_bands<S: Sink>(&mut self, frame: &Frame<'_>, threads: usize, mut sink: S) {
-        let (width, height) = (frame.width(), frame.height());
-        let row_cells = width * frame.lanes();
-        // A single thread keeps a row in its cache from its costs to its disparities.
-        let band_rows = if threads == 1 { 1 } else { ROWS_PER_JOB * threads }.min(height);
-        let jobs = threads.min(band_rows);
-        self.cost_rows.resize_with(jobs, CostRows::default);
-        self.path_rows.resize_with(jobs, PathRows::default);
-        self.cost_rows.iter_mut().for_each(|rows| rows.prepare(frame));
-        self.path_rows.iter_mut().for_each(|rows| rows.prepare(frame));
-        let whole = frame.params.paths == 4;
-        let kept = if whole { height } else { band_rows };
-        self.costs.resize(kept * row_cells, 0);
-        self.above.resize(kept * row_cells, 0);
-        self.below.resize(if whole { band_rows * row_cells } else { 0 }, 0);
-
-        let bands = (0..height).step_by(band_rows).map(|first| first..(first + band_rows).min(height));
-        self.vertical.start(frame);
-        for band in bands.clone() {
-            let at = if whole { band.start } else { 0 };
-            let cells = at * row_cells..(at + band.len()) * row_cells;
-            let (costs, above) = (&mut self.costs[cells.clone()], &mut self.above[cells]);
-            compute_costs(&mut self.cost_rows, frame, band.clone(), costs);
-            self.vertical.extend(frame, band.clone(), costs, above, jobs);
-            if !whole {
-                let own;
-                (own, sink) = sink.split(frame, band.len());
-                choose(&mut self.path_rows, frame, band, [costs, above, &[]], own);
-            }
+    fn match_rows<S: Sink>(&mut self, frame: &Frame<'_>, crew: &Crew, sink: S) {
+        let band = frame.band_rows();
+        self.workers.resize_with(crew.size(), Worker::default);
+        self.cost_pool.prepare(frame, crew.size());
+        self.down.start(frame, 0);
+        self.up.start(frame, frame.height() - 1);
+        for worker in &mut self.workers {
+            worker.rows.prepare(frame);
+            resize(&mut worker.paths, band, frame);
         }
-        if !whole {
+        if frame.params.paths == 4 {
+            self.match_from_both_ends(frame, crew, band, sink);
             return;
         }
-        self.vertical.start(frame);
-        for band in bands.rev() {
-            let cells = band.start * row_cells..band.end * row_cells;
-            let (costs, above) = (&self.costs[cells.clone()], &self.above[cells]);
-            let below = &mut self.below[..band.len() * row_cells];
-            self.vertical.extend_upward(frame, band.clone(), costs, below, jobs);
-            let own;
-            (sink, own) = sink.split(frame, band.start);
-            choose(&mut self.path_rows, frame, band, [costs, above, below], own);
-        }
+        let Self { cost_pool, down, workers, .. } = self;
+        let queue = RowQueue::new(0..frame.height(), sink);
+        let (cost_pool, down, queue) = (&*cost_pool, &*down, &queue);
+        crew.run_all(workers.iter_mut().map(|Worker { costs, paths, rows: path_rows }| {
+            resize(costs, band, frame);
+            move || {
+                let _failure = down.tell_of_failure();
+                while let Some((rows, own)) = queue.take(Direction::Down, band) {
+                    let (costs, paths) = (&costs[..rows.len()], &paths[..rows.len()]);
+                    cost_pool.compute(frame, Direction::Down, rows.clone(), costs);
+                    down.extend(frame, Direction::Down, rows.clone(), costs, paths);
+                    path_rows.choose(frame, rows, [costs, paths, &[]], own);
+                }
+            }
+        }));
     }
-}
 
-/// Matching costs of a band, rows shared out.
-fn compute_costs(buffers: &mut [CostRows], frame: &Frame<'_>, band: Range<usize>, costs: &mut [u8]) {
-    let row_cells = frame.width() * frame.lanes();
-    let mut rest = costs;
-    let jobs: Vec<_> = parts(band, buffers.len())
-        .zip(buffers)
-        .map(|(rows, buffers)| {
-            let own;
-            (own, rest) = std::mem::take(&mut rest).split_at_mut(rows.len() * row_cells);
-            move || buffers.compute(frame, rows, own)
-        })
-        .collect();
-    run_all(jobs.into_iter());
-}
-
-/// Sums of a band from its costs and vertical paths, rows shared out.
-fn choose<S: Sink>(
-    buffers: &mut [PathRows],
-    frame: &Frame<'_>,
-    band: Range<usize>,
-    [costs, above, below]: [&[u8]; 3],
-    mut sink: S,
-) {
-    let (width, lanes) = (frame.width(), frame.lanes());
-    let first = band.start;
-    let mut jobs = Vec::with_capacity(buffers.len());
-    for (rows, buffers) in parts(band, buffers.len()).zip(buffers) {
-        let cells = (rows.start - first) * width * lanes..(rows.end - first) * width * lanes;
-        let below = if below.is_empty() { below } else { &below[cells.clone()] };
-        let volumes = [&costs[cells.clone()], &above[cells], below];
-        let own;
-        (own, sink) = sink.split(frame, rows.len());
-        jobs.push(move || buffers.compute(frame, rows, volumes, own));
+    /// The same with a path from below.
+    fn match_from_both_ends<S: Sink>(&mut self, frame: &Frame<'_>, crew: &Crew, band: usize, sink: S) {
+        let Self { cost_pool, down, up, workers, kept_costs, kept_paths, .. } = self;
+        let height = frame.height();
+        resize(kept_costs, height, frame);
+        resize(kept_paths, height, frame);
+        let (cost_pool, kept_costs, kept_paths) = (&*cost_pool, &**kept_costs, &**kept_paths);
+        let fronts = [(Direction::Down, &*down), (Direction::Up, &*up)];
+        let unseen = &RowQueue::new(0..height, ());
+        crew.each(crew.size(), &|worker| {
+            let (direction, front) = fronts[worker % 2];
+            let _failure = front.tell_of_failure();
+            while let Some((rows, ())) = unseen.take(direction, band) {
+                let (costs, paths) = (&kept_costs[rows.clone()], &kept_paths[rows.clone()]);
+                cost_pool.compute(frame, direction, rows.clone(), costs);
+                front.extend(frame, direction, rows, costs, paths);
+            }
+        });
+        let middle = unseen.rest().start;
+        let (upper, lower) = sink.split(middle);
+        let queues = [RowQueue::new(middle..height, lower), RowQueue::new(0..middle, upper)];
+        let queues = &queues;
+        crew.run_all(workers.iter_mut().enumerate().map(
+            |(worker, Worker { paths, rows: path_rows, .. })| {
+                let paths = &**paths;
+                move || {
+                    // A lone thread goes both ways, and so does one whose own is done.
+                    for side in [worker % 2, 1 - worker % 2] {
+                        let (direction, front) = fronts[side];
+                        let _failure = front.tell_of_failure();
+                        while let Some((rows, own)) = queues[side].take(direction, band) {
+                            let (costs, other) = (&kept_costs[rows.clone()], &kept_paths[rows.clone()]);
+                            let paths = &paths[..rows.len()];
+                            front.extend(frame, direction, rows.clone(), costs, paths);
+                            path_rows.choose(frame, rows, [costs, paths, other], own);
+                        }
+                    }
+                }
+            },
+        ));
     }
-    run_all(jobs.into_iter());
-}
-
-/// A range in `count` parts, as even as possible; fewer if it is shorter.
-fn parts(range: Range<usize>, count: usize) -> impl Iterator<Item = Range<usize>> {
-    let (first, len) = (range.start, range.len());
-    let count = count.min(len).max(1);
-    (0..count).map(move |i| first + len * i / count..first + len * (i + 1) / count)
 }

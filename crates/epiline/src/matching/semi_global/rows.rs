@@ -1,174 +1,130 @@
 //! Paths through the costs, and what is chosen by their sums.
 
 use std::ops::Range;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::Frame;
-use crate::kernels::semi_global::{ExcessRow, HorizontalRow, SumRow, VerticalRow};
+use crate::kernels::semi_global::{ExcessRow, HorizontalRow, HorizontalRows, SumRow, VerticalRow};
 use crate::matching::aligned::AlignedVec;
 use crate::matching::choices::Choices;
-use crate::matching::threads::run_all;
+use crate::matching::crew::pause;
+use crate::matching::row_queue::{Direction, MapRows, Rows, lock};
 
-/// The vertical paths as far as they have come.
+/// Rows of a volume.
+type VolumeRows<'a> = &'a [Mutex<AlignedVec<u8>>];
+
+/// The vertical paths of one direction, as far as they have come.
 #[derive(Debug, Default)]
-pub(super) struct Vertical {
-    /// Path costs of the last row, where the next band needs them.
+pub(super) struct VerticalPaths {
+    state: Mutex<VerticalState>,
+}
+
+#[derive(Debug, Default)]
+struct VerticalState {
+    /// The row they come to next.
+    next: usize,
+    /// Path costs of the row they have come to.
     last: AlignedVec<u8>,
+    /// The smallest of each column.
     smallest: Vec<u8>,
     p2: Vec<u8>,
 }
 
-impl Vertical {
-    /// Before the first row.
-    pub fn start(&mut self, frame: &Frame<'_>) {
-        let width = frame.width();
-        self.last.reset(width * frame.lanes(), 0);
-        self.smallest.clear();
-        self.smallest.resize(width, 0);
-        self.p2.resize(width, 0);
+impl VerticalPaths {
+    /// Before row `first`.
+    pub fn start(&mut self, frame: &Frame<'_>, first: usize) {
+        let VerticalState { next, last, smallest, p2 } =
+            self.state.get_mut().unwrap_or_else(PoisonError::into_inner);
+        *next = first;
+        last.reset(frame.cells(), 0);
+        smallest.clear();
+        smallest.resize(frame.width(), 0);
+        p2.resize(frame.width(), 0);
     }
 
-    /// Downward through a band.
+    /// When dropped by a thread that panics, lets those panic, too, that wait for it.
+    pub fn tell_of_failure(&self) -> impl Drop {
+        FailureWatch(self)
+    }
+
+    /// Leads them through some rows once they have come there.
     pub fn extend(
-        &mut self,
+        &self,
         frame: &Frame<'_>,
-        band: Range<usize>,
-        costs: &[u8],
-        paths: &mut [u8],
-        jobs: usize,
+        direction: Direction,
+        rows: Range<usize>,
+        costs: VolumeRows<'_>,
+        paths: VolumeRows<'_>,
     ) {
-        let cells = frame.width() * frame.lanes();
-        let rows = band.zip(costs.chunks_exact(cells)).zip(paths.chunks_exact_mut(cells));
-        let steps = rows.map(|((y, costs), paths)| Step { y, beside: y.saturating_sub(1), costs, paths });
-        self.walk(frame, steps, jobs);
-    }
-
-    /// Upward through a band.
-    pub fn extend_upward(
-        &mut self,
-        frame: &Frame<'_>,
-        band: Range<usize>,
-        costs: &[u8],
-        paths: &mut [u8],
-        jobs: usize,
-    ) {
-        let (cells, last) = (frame.width() * frame.lanes(), frame.height() - 1);
-        let rows = band.zip(costs.chunks_exact(cells)).zip(paths.chunks_exact_mut(cells)).rev();
-        let steps = rows.map(|((y, costs), paths)| Step { y, beside: (y + 1).min(last), costs, paths });
-        self.walk(frame, steps, jobs);
-    }
-
-    /// Step by step, columns shared out.
-    fn walk<'a>(&mut self, frame: &Frame<'_>, steps: impl Iterator<Item = Step<'a>>, jobs: usize) {
-        let (width, lanes) = (frame.width(), frame.lanes());
-        if jobs == 1 {
-            let columns =
-                Columns { first: 0, last: &mut self.last, smallest: &mut self.smallest, p2: &mut self.p2 };
-            columns.walk(frame, steps);
-            return;
-        }
-        let count = width.div_ceil(jobs);
-        let mut parts: Vec<Vec<Step<'a>>> = Vec::new();
-        parts.resize_with(width.div_ceil(count), Vec::new);
-        for Step { y, beside, costs, paths } in steps {
-            let chunks = costs.chunks(count * lanes).zip(paths.chunks_mut(count * lanes));
-            for (part, (costs, paths)) in parts.iter_mut().zip(chunks) {
-                part.push(Step { y, beside, costs, paths });
+        let first = direction.through(rows.clone()).next().unwrap_or(rows.start);
+        let mut turns = 0;
+        let mut state = loop {
+            let state = lock(&self.state);
+            assert!(state.next != FAILED, "another thread failed");
+            if state.next == first {
+                break state;
             }
-        }
-        let columns = (0..width)
-            .step_by(count)
-            .zip(self.last.chunks_mut(count * lanes))
-            .zip(self.smallest.chunks_mut(count))
-            .zip(self.p2.chunks_mut(count))
-            .map(|(((first, last), smallest), p2)| Columns { first, last, smallest, p2 });
-        run_all(columns.zip(parts).map(|(columns, steps)| move || columns.walk(frame, steps.into_iter())));
-    }
-}
-
-/// One row of vertical paths, or a part of it.
-struct Step<'a> {
-    y: usize,
-    /// The row that the paths come from; `y` itself where they start.
-    beside: usize,
-    costs: &'a [u8],
-    paths: &'a mut [u8],
-}
-
-/// Some columns of [`Vertical`].
-struct Columns<'a> {
-    first: usize,
-    last: &'a mut [u8],
-    smallest: &'a mut [u8],
-    p2: &'a mut [u8],
-}
-
-impl Columns<'_> {
-    fn walk<'a>(self, frame: &Frame<'_>, steps: impl Iterator<Item = Step<'a>>) {
-        let Self { first, last, smallest, p2 } = self;
-        let columns = first..first + p2.len();
-        let mut done: Option<&[u8]> = None;
-        for Step { y, beside, costs, paths } in steps {
-            let [here, there] = [y, beside].map(|y| &frame.left.row(y)[columns.clone()]);
-            frame.penalties.between(here, there, p2);
+            drop(state);
+            pause(&mut turns);
+        };
+        let VerticalState { next, last, smallest, p2 } = &mut *state;
+        let mut done: Option<MutexGuard<'_, AlignedVec<u8>>> = None;
+        for y in direction.through(rows.clone()) {
+            let beside = match direction {
+                Direction::Down => y.saturating_sub(1),
+                Direction::Up => (y + 1).min(frame.height() - 1),
+            };
+            frame.penalties.between(frame.left.row(y), frame.left.row(beside), p2);
+            let mut after = lock(&paths[y - rows.start]);
             frame.kernels.vertical(&mut VerticalRow {
                 lanes: frame.lanes(),
-                costs,
+                costs: &lock(&costs[y - rows.start]),
                 p1: frame.penalties.p1,
                 p2,
-                before: done.unwrap_or(last),
+                before: done.as_deref().unwrap_or(last),
                 smallest,
-                after: paths,
+                after: &mut after,
             });
-            done = Some(paths);
+            done = Some(after);
+            *next = direction.after(y);
         }
         if let Some(done) = done {
-            last.copy_from_slice(done);
+            last.copy_from_slice(&done);
         }
     }
 }
 
-/// What becomes of the paths of neighbouring rows.
-pub(super) trait Sink: Sized + Send {
-    /// What becomes of the first `count` rows, and of the rest.
-    fn split(self, frame: &Frame<'_>, count: usize) -> (Self, Self);
+/// The row that paths come to next if someone failed on the way.
+const FAILED: usize = usize::MAX - 1;
 
-    /// Takes image row `y`, the `i`-th of these, given its vertical paths. The horizontal ones are in `paths`.
-    fn take(
-        &mut self,
-        frame: &Frame<'_>,
-        i: usize,
-        y: usize,
-        paths: &mut PathRows,
-        from_above: &[u8],
-        from_below: &[u8],
-    );
-}
+struct FailureWatch<'a>(&'a VerticalPaths);
 
-/// Rows of the disparity map.
-pub(super) struct Disparities<'a> {
-    pub values: &'a mut [u16],
-    pub bits: &'a mut [u8],
-}
-
-impl Sink for Disparities<'_> {
-    fn split(self, frame: &Frame<'_>, count: usize) -> (Self, Self) {
-        let (values, next_values) = self.values.split_at_mut(count * frame.width());
-        let (bits, next_bits) = self.bits.split_at_mut(count * frame.width());
-        (Self { values, bits }, Self { values: next_values, bits: next_bits })
+impl Drop for FailureWatch<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            lock(&self.0.state).next = FAILED;
+        }
     }
+}
 
-    fn take(
-        &mut self,
-        frame: &Frame<'_>,
-        i: usize,
-        y: usize,
-        paths: &mut PathRows,
-        from_above: &[u8],
-        from_below: &[u8],
-    ) {
+/// The paths that meet in a row; the second vertical one may be empty.
+#[derive(Clone, Copy)]
+pub(super) struct Paths<'a> {
+    horizontal: &'a HorizontalPaths,
+    vertical: [&'a [u8]; 2],
+}
+
+/// What becomes of the paths of some rows.
+pub(super) trait Sink: Rows {
+    /// Takes those of image row `y`, the `i`-th of these.
+    fn take(&mut self, frame: &Frame<'_>, i: usize, y: usize, paths: Paths<'_>, sums: &mut Sums);
+}
+
+impl Sink for MapRows<'_> {
+    fn take(&mut self, frame: &Frame<'_>, i: usize, y: usize, paths: Paths<'_>, sums: &mut Sums) {
         let pixels = i * frame.width()..(i + 1) * frame.width();
-        paths.sum(frame, from_above, from_below);
-        paths.choices.select(
+        sums.compute(frame, paths);
+        sums.choices.select(
             frame.kernels,
             frame.params,
             frame.left_valid.map(|valid| valid.row(y)),
@@ -178,95 +134,66 @@ impl Sink for Disparities<'_> {
     }
 }
 
-/// Rows of how much every candidate's sum exceeds the pixel's smallest, `width * lanes` each.
-pub(super) struct Excess<'a>(pub &'a mut [u8]);
+/// Rows of how much every candidate's sum exceeds the pixel's smallest.
+pub(super) struct ByteRows<'a> {
+    pub cells: usize,
+    pub bytes: &'a mut [u8],
+}
 
-impl Sink for Excess<'_> {
-    fn split(self, frame: &Frame<'_>, count: usize) -> (Self, Self) {
-        let (rows, next) = self.0.split_at_mut(count * frame.width() * frame.lanes());
-        (Self(rows), Self(next))
+impl Rows for ByteRows<'_> {
+    fn split(self, count: usize) -> (Self, Self) {
+        let cells = self.cells;
+        let (bytes, next) = self.bytes.split_at_mut(count * cells);
+        (Self { cells, bytes }, Self { cells, bytes: next })
     }
+}
 
-    fn take(
-        &mut self,
-        frame: &Frame<'_>,
-        i: usize,
-        _: usize,
-        paths: &mut PathRows,
-        from_above: &[u8],
-        _: &[u8],
-    ) {
-        let (lanes, cells) = (frame.lanes(), frame.width() * frame.lanes());
+impl Sink for ByteRows<'_> {
+    fn take(&mut self, frame: &Frame<'_>, i: usize, _: usize, paths: Paths<'_>, _: &mut Sums) {
         frame.kernels.excess(&mut ExcessRow {
-            lanes,
-            from_left: &paths.from_left,
-            from_right: &paths.from_right,
-            from_above,
-            excess: &mut self.0[i * cells..(i + 1) * cells],
+            lanes: frame.lanes(),
+            from_left: &paths.horizontal.from_left,
+            from_right: &paths.horizontal.from_right,
+            from_above: paths.vertical[0],
+            excess: &mut self.bytes[i * self.cells..(i + 1) * self.cells],
         });
     }
 }
 
-/// Horizontal paths, sums and choices of a row, for one job.
+/// The horizontal paths of a row.
 #[derive(Debug, Default)]
-pub(super) struct PathRows {
+struct HorizontalPaths {
     p2: Vec<u8>,
     from_left: AlignedVec<u8>,
     from_right: AlignedVec<u8>,
+}
+
+impl HorizontalPaths {
+    /// What the kernel needs of image row `y`.
+    fn row<'a>(&'a mut self, frame: &Frame<'_>, y: usize, costs: &'a [u8]) -> HorizontalRow<'a> {
+        let grey = frame.left.row(y);
+        frame.penalties.between(&grey[1..], grey, &mut self.p2[1..]);
+        let Self { p2, from_left, from_right } = self;
+        HorizontalRow { costs, p2, from_left, from_right }
+    }
+}
+
+/// Sums over the paths of a row, and its choices.
+#[derive(Debug, Default)]
+pub(super) struct Sums {
     sums: AlignedVec<u16>,
     choices: Choices<u16>,
 }
 
-impl PathRows {
-    /// Sizes the buffers for a frame.
-    pub fn prepare(&mut self, frame: &Frame<'_>) {
-        let (width, lanes) = (frame.width(), frame.lanes());
-        self.p2.resize(width, 0);
-        self.from_left.resize(width * lanes, 0);
-        self.from_right.resize(width * lanes, 0);
-        self.sums.resize(width * lanes, 0);
-        self.choices.resize(width, lanes);
-    }
-
-    /// Sums of some rows from their costs and vertical paths, each handed to the sink.
-    pub fn compute<S: Sink>(
-        &mut self,
-        frame: &Frame<'_>,
-        rows: Range<usize>,
-        [costs, above, below]: [&[u8]; 3],
-        mut sink: S,
-    ) {
-        let cells = frame.width() * frame.lanes();
-        for (i, y) in rows.enumerate() {
-            let row = i * cells..(i + 1) * cells;
-            let below = if below.is_empty() { below } else { &below[row.clone()] };
-            self.extend(frame, y, &costs[row.clone()]);
-            sink.take(frame, i, y, self, &above[row], below);
-        }
-    }
-
-    /// Both horizontal paths.
-    fn extend(&mut self, frame: &Frame<'_>, y: usize, costs: &[u8]) {
-        let grey = frame.left.row(y);
-        frame.penalties.between(&grey[1..], grey, &mut self.p2[1..]);
-        frame.kernels.horizontal(&mut HorizontalRow {
-            lanes: frame.lanes(),
-            costs,
-            p1: frame.penalties.p1,
-            p2: &self.p2,
-            from_left: &mut self.from_left,
-            from_right: &mut self.from_right,
-        });
-    }
-
-    fn sum(&mut self, frame: &Frame<'_>, from_above: &[u8], from_below: &[u8]) {
+impl Sums {
+    fn compute(&mut self, frame: &Frame<'_>, Paths { horizontal, vertical }: Paths<'_>) {
         let params = frame.params;
         frame.kernels.sum(&mut SumRow {
             lanes: frame.lanes(),
-            from_left: &self.from_left,
-            from_right: &self.from_right,
-            from_above,
-            from_below,
+            from_left: &horizontal.from_left,
+            from_right: &horizontal.from_right,
+            from_above: vertical[0],
+            from_below: vertical[1],
             uniqueness_ratio: params.uniqueness_ratio.into(),
             left_right_reach: params.left_right_reach(),
             sums: &mut self.sums,
@@ -275,5 +202,60 @@ impl PathRows {
             nearby: &mut self.choices.nearby,
             right_best: &mut self.choices.right_best,
         });
+    }
+}
+
+/// Horizontal paths, sums and choices, for one job.
+#[derive(Debug, Default)]
+pub(super) struct PathRows {
+    /// Of two rows, which advance together.
+    horizontal: [HorizontalPaths; 2],
+    sums: Sums,
+}
+
+impl PathRows {
+    /// Sizes the buffers for a frame.
+    pub fn prepare(&mut self, frame: &Frame<'_>) {
+        for HorizontalPaths { p2, from_left, from_right } in &mut self.horizontal {
+            p2.resize(frame.width(), 0);
+            from_left.resize(frame.cells(), 0);
+            from_right.resize(frame.cells(), 0);
+        }
+        self.sums.sums.resize(frame.cells(), 0);
+        self.sums.choices.resize(frame.width(), frame.lanes(), frame.params.min_disparity);
+    }
+
+    /// Sums of some rows from their costs and vertical paths, each handed to the sink. The second paths may be none.
+    pub fn choose<S: Sink>(
+        &mut self,
+        frame: &Frame<'_>,
+        rows: Range<usize>,
+        [costs, paths, other]: [VolumeRows<'_>; 3],
+        mut sink: S,
+    ) {
+        for first in (0..rows.len()).step_by(2) {
+            let count = (rows.len() - first).min(2);
+            self.walk_along(frame, rows.start + first, &costs[first..first + count]);
+            for (i, horizontal) in (first..first + count).zip(&self.horizontal) {
+                let (own, other) = (lock(&paths[i]), other.get(i).map(lock));
+                let vertical = [&**own, other.as_deref().map_or(&[][..], |row| row)];
+                sink.take(frame, i, rows.start + i, Paths { horizontal, vertical }, &mut self.sums);
+            }
+        }
+    }
+
+    /// Both horizontal paths of one or two rows from image row `y` on.
+    fn walk_along(&mut self, frame: &Frame<'_>, y: usize, costs: VolumeRows<'_>) {
+        let (lanes, p1) = (frame.lanes(), frame.penalties.p1);
+        let [first, second] = &mut self.horizontal;
+        let costs_of_first = lock(&costs[0]);
+        let first = first.row(frame, y, &costs_of_first);
+        match costs.get(1).map(lock) {
+            Some(costs) => {
+                let second = second.row(frame, y + 1, &costs);
+                frame.kernels.horizontal(&mut HorizontalRows { lanes, p1, rows: &mut [first, second] });
+            }
+            None => frame.kernels.horizontal(&mut HorizontalRows { lanes, p1, rows: &mut [first] }),
+        }
     }
 }
