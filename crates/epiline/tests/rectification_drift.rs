@@ -1,7 +1,10 @@
 //! Drift of rigs whose right camera was turned by a known angle: exact projections, not the linear model.
 
 use epiline::camera::{Brown, CameraModel, Pose, StereoCalibration};
-use epiline::rectification::{Drift, DriftAxis, DriftMeter, PointMatch, Rectifier, realign};
+use epiline::rectification::{
+    Drift, DriftAxis, DriftMeter, PointMatch, Projection, RectifiedGeometry, Rectifier, RectifierOptions,
+    realign,
+};
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
 fn rig(rotation: Matrix3<f64>) -> StereoCalibration {
@@ -36,17 +39,21 @@ fn scene(count: usize, seed: u64) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Where `truth` sees the scene, aligned by `believed`; one match in ten is wrong.
-fn matches(truth: &StereoCalibration, believed: &StereoCalibration, seed: u64) -> Vec<PointMatch> {
+/// Where `truth` sees the scene, aligned by `believed` on a plane or a cylinder; one match in ten is wrong.
+fn matches_on(
+    geometry: &RectifiedGeometry,
+    truth: &StereoCalibration,
+    believed: &StereoCalibration,
+    seed: u64,
+) -> Vec<PointMatch> {
     let frame = epiline::camera::AlignedFrame::of(&believed.right_from_left).expect("alignable");
-    let rectifier = Rectifier::new(believed).expect("alignable");
-    let geometry = rectifier.geometry();
     let aligned = |camera: &CameraModel, turn: &Matrix3<f64>, pixel: Vector2<f64>| {
         let ray = turn * camera.normalised_from_pixel(pixel)?.push(1.0);
-        Some([
-            geometry.cx_px + geometry.focal_px * ray.x / ray.z,
-            geometry.cy_px + geometry.focal_px * ray.y / ray.z,
-        ])
+        let flat = match geometry.projection {
+            Projection::Pinhole => ray.xy() / ray.z,
+            Projection::Cylindrical => Vector2::new(ray.x.atan2(ray.y.hypot(ray.z)), ray.y.atan2(ray.z)),
+        };
+        Some([geometry.cx_px + geometry.focal_px * flat.x, geometry.cy_px + geometry.focal_px * flat.y])
     };
     let see = |(i, point): (usize, Vector3<f64>)| {
         let left_px = truth.left.project(point)?;
@@ -66,7 +73,7 @@ fn drift_of(truth: &StereoCalibration, believed: &StereoCalibration) -> Drift {
     let mut meter = DriftMeter::for_calibration(rectifier.geometry(), believed).expect("alignable");
     assert_eq!(meter.drift(), Drift::UNKNOWN);
     for seed in 1..=10 {
-        meter.add(&matches(truth, believed, seed));
+        meter.add(&matches_on(rectifier.geometry(), truth, believed, seed));
     }
     meter.drift()
 }
@@ -154,13 +161,76 @@ fn a_reference_cancels_what_the_calibration_has_of_its_own() {
     let rectifier = Rectifier::new(&believed).expect("alignable");
     let mut meter = DriftMeter::new(rectifier.geometry());
     for seed in 1..=5 {
-        meter.add(&matches(&held, &believed, seed));
+        meter.add(&matches_on(rectifier.geometry(), &held, &believed, seed));
     }
     meter.set_reference(meter.drift());
     for seed in 6..=10 {
-        meter.add(&matches(&moved, &believed, seed));
+        meter.add(&matches_on(rectifier.geometry(), &moved, &believed, seed));
     }
     let drift = meter.drift();
     assert_eq!(drift.axis(), Some(DriftAxis::Roll), "{drift:?}");
     assert!((drift.values[2] - 0.0015).abs() < 1e-4 && drift.values[0].abs() < 1e-4, "{drift:?}");
+}
+
+#[test]
+fn a_turn_shows_on_a_cylinder_too() {
+    let believed = rig(Matrix3::identity());
+    let options = RectifierOptions { projection: Projection::Cylindrical, ..Default::default() };
+    let rectifier = Rectifier::with_options(&believed, options).expect("alignable");
+    for (axis, degrees) in [(DriftAxis::Pitch, 0.15), (DriftAxis::Yaw, -0.4), (DriftAxis::Roll, 0.15)] {
+        let mut angles = [0.0; 3];
+        angles[axis as usize] = f64::to_radians(degrees);
+        let truth = rig(turn(angles).transpose());
+        let mut meter = DriftMeter::for_calibration(rectifier.geometry(), &believed).expect("alignable");
+        for seed in 1..=10 {
+            meter.add(&matches_on(rectifier.geometry(), &truth, &believed, seed));
+        }
+        let drift = meter.drift();
+        let error = (drift.values[axis as usize].to_degrees() - degrees).abs();
+        assert!(error < 0.03 * degrees.abs(), "{axis:?}: {drift:?}");
+        assert_eq!(drift.axis(), Some(axis), "{drift:?}");
+    }
+}
+
+/// Rows of a rig that holds but for what a lens model and shutters that are apart leave: no drift.
+#[test]
+fn a_field_that_calibration_left_is_not_taken_for_a_turn() {
+    let believed = rig(Matrix3::identity());
+    let rectifier = Rectifier::new(&believed).expect("alignable");
+    let seen = |seed: u64, extra: &dyn Fn(&PointMatch) -> f64| -> Vec<PointMatch> {
+        let mut found = matches_on(rectifier.geometry(), &believed, &believed, seed);
+        for m in &mut found {
+            m.right_px[1] += extra(m);
+        }
+        found
+    };
+    let disparity = |m: &PointMatch| m.left_px[0] - m.right_px[0];
+    let row = |m: &PointMatch| (m.right_px[1] - 240.0) / 240.0;
+    let column = |m: &PointMatch| (m.right_px[0] - 320.0) / 320.0;
+    for (name, extra) in [
+        (
+            "the right camera forward",
+            &(|m: &PointMatch| 0.02 * disparity(m) * row(m)) as &dyn Fn(&PointMatch) -> f64,
+        ),
+        ("the right camera lower", &|m: &PointMatch| 0.01 * disparity(m)),
+        ("third order", &|m: &PointMatch| 0.1 * row(m) * column(m).powi(2)),
+    ] {
+        let mut meter = DriftMeter::new(rectifier.geometry());
+        for seed in 1..=10 {
+            meter.add(&seen(seed, extra));
+        }
+        let drift = meter.drift();
+        assert_eq!(drift.axis(), None, "{name}: {drift:?}");
+    }
+}
+
+#[test]
+fn a_small_yaw_is_left_open() {
+    // A twentieth of a degree: a tenth of a pixel in the corners, which shutters and lenses make as well.
+    let believed = rig(Matrix3::identity());
+    let truth = rig(turn([0.0, f64::to_radians(0.05), 0.0]).transpose());
+    let drift = drift_of(&truth, &believed);
+    assert_eq!(drift.axis(), None, "{drift:?}");
+    let error = (drift.values[1].to_degrees() - 0.05).abs();
+    assert!(error < 2.0 * drift.sigma[1].to_degrees(), "{drift:?}");
 }

@@ -1,9 +1,13 @@
 //! A rig that no longer points as it was calibrated: which angle moved, by how much, and how sure that is.
 
+mod evidence;
+
 use nalgebra::{Matrix3, Matrix4, Matrix4xX, Rotation3, Vector2, Vector3, Vector4};
 
+use self::evidence::{Evidence, Prior};
 use super::alignment::PointMatch;
 use super::geometry::RectifiedGeometry;
+use super::projection::Projection;
 use crate::camera::{AlignedFrame, CameraView, Pose, StereoCalibration};
 use crate::error::{Error, Result};
 
@@ -40,8 +44,11 @@ impl DriftAxis {
 /// `dy = y_right - y_left` of an aligned pair changes, to first order, by
 /// `f·((1 + v²)·pitch - u·v·yaw - u·roll + v·zoom)` with `(u, v)` the right image point in units of the focal
 /// length. A turn is one of the camera: right-handed about the axes of the aligned frame (x right, y down, z forward).
+///
 /// A yaw of the camera changes all disparities by `f·yaw` besides, which no pair shows that has no known distance in
-/// it; only the bend of rows towards the corners gives it away. Its sigma says how well.
+/// it; only the bend of rows towards the corners gives it away, and lenses that were not modelled exactly, or shutters
+/// that did not open together on a rig that moves, bend rows as much as a yaw of a twentieth of a degree does. Its sigma
+/// says so: a small yaw is not named.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drift {
     /// Pitch, yaw and roll of the right camera, radians, and the relative change of its focal length.
@@ -55,10 +62,15 @@ pub struct Drift {
     pub frames: usize,
     /// Matches that spoke.
     pub matches: usize,
+    /// Of each value, by how much twice the log-likelihood grows if it alone has moved.
+    gain: [f64; 4],
+    evidence: Evidence,
 }
 
 /// A value counts as drift beyond so many standard deviations.
 const SIGNIFICANT: f64 = 3.5;
+/// One value is named before another if it alone explains the rows better by so much: odds of twenty to one.
+const NAMED_BEFORE: f64 = 6.0;
 
 impl Drift {
     /// Before any pair was seen.
@@ -68,6 +80,8 @@ impl Drift {
         noise: [f64::INFINITY; 4],
         frames: 0,
         matches: 0,
+        gain: [0.0; 4],
+        evidence: Evidence::NONE,
     };
 
     /// Whether this value is beyond doubt.
@@ -76,37 +90,40 @@ impl Drift {
         self.values[i].abs() > SIGNIFICANT * self.sigma[i]
     }
 
-    /// The angle or scale that moved most surely, if beyond doubt; `None` if the rig holds as far as can be seen.
+    /// The angle or scale that moved most surely, if beyond doubt; `None` if the rig holds as far as can be seen, or if
+    /// something moved that one value explains about as well as another.
     pub fn axis(&self) -> Option<DriftAxis> {
-        let size = |axis: &DriftAxis| self.values[*axis as usize].abs() / self.sigma[*axis as usize];
-        DriftAxis::ALL
-            .into_iter()
-            .filter(|&axis| self.is_significant(axis))
-            .max_by(|a, b| size(a).total_cmp(&size(b)))
+        let gain = |axis: DriftAxis| self.gain[axis as usize];
+        let significant = DriftAxis::ALL.into_iter().filter(|&axis| self.is_significant(axis));
+        let named = significant.max_by(|&a, &b| gain(a).total_cmp(&gain(b)))?;
+        let rivals = DriftAxis::ALL.into_iter().filter(|&axis| axis != named && !self.is_significant(axis));
+        rivals.into_iter().all(|axis| gain(named) >= gain(axis) + NAMED_BEFORE).then_some(named)
     }
 }
 
 /// Vertical error that a rig of unknown uncertainty is granted for pitch, yaw, roll and zoom, at half the image's width
 /// and height, pixels: about what published rectified sequences show.
 const GRANTED_PX: [f64; 4] = [0.08, 0.2, 0.15, 0.15];
-/// What no model of cameras explains, there, pixels: added to a calibration's own uncertainty, and to a reference's.
-const MODEL_ERROR_PX: f64 = 0.03;
+/// What differs from one set of pairs to another on rigs that hold, there, pixels: added to a calibration's own
+/// uncertainty, and to a reference's. A yaw's is what shutters make that are a millisecond apart on a car.
+const MODEL_ERROR_PX: [f64; 4] = [0.04, 0.08, 0.04, 0.04];
 /// Pairs that the estimate remembers: older ones fade.
 const MEMORY_FRAMES: f64 = 50.0;
 /// Fewest matches with which a pair speaks.
 const MIN_MATCHES: usize = 12;
-/// No match's row is known better, pixels.
-const LEAST_SIGMA_PX: f64 = 0.05;
 
 /// Accumulates the vertical residuals of aligned pairs into a [`Drift`].
+///
+/// An information filter with forgetting, whose state is the four values and the coefficients of a smooth field that
+/// calibration has left (terms of second and third order, and with disparity), to which a prior of a few hundredths of a
+/// pixel keeps.
 #[derive(Debug, Clone)]
 pub struct DriftMeter {
     geometry: RectifiedGeometry,
     /// Variance of the values that the calibration is answerable for.
     granted: [f64; 4],
-    reference: Option<Drift>,
-    normal: Matrix4<f64>,
-    right_side: Vector4<f64>,
+    reference: Evidence,
+    seen: Evidence,
     frames: usize,
     matches: usize,
     residuals: Vec<f64>,
@@ -118,9 +135,8 @@ impl DriftMeter {
         Self {
             geometry: *geometry,
             granted: at_edge(geometry, GRANTED_PX).map(|sigma| sigma * sigma),
-            reference: None,
-            normal: Matrix4::zeros(),
-            right_side: Vector4::zeros(),
+            reference: Evidence::NONE,
+            seen: Evidence::NONE,
             frames: 0,
             matches: 0,
             residuals: Vec::new(),
@@ -136,28 +152,25 @@ impl DriftMeter {
     pub fn for_calibration(geometry: &RectifiedGeometry, calibration: &StereoCalibration) -> Result<Self> {
         let mut meter = Self::new(geometry);
         if let Some(own) = variance_of_calibration(geometry, calibration)? {
-            let model = at_edge(geometry, [MODEL_ERROR_PX; 4]);
+            let model = at_edge(geometry, MODEL_ERROR_PX);
             meter.granted = std::array::from_fn(|i| own[i] + model[i] * model[i]);
         }
         Ok(meter)
     }
 
     /// Drift counts from `reference` on, measured when the rig was known to hold: what the calibration leaves uncertain
-    /// of its own then cancels. All pairs so far are forgotten.
+    /// of its own, and its field, then cancel as far as the reference knows them. All pairs so far are forgotten.
     pub fn set_reference(&mut self, reference: Drift) {
         let (geometry, granted) = (self.geometry, self.granted);
-        *self = Self { granted, reference: Some(reference), ..Self::new(&geometry) };
+        *self = Self { granted, reference: reference.evidence, ..Self::new(&geometry) };
     }
 
     /// Takes in the matches of a pair and tells what is known now. A pair with fewer than twelve matches changes nothing.
     pub fn add(&mut self, matches: &[PointMatch]) -> Drift {
         if matches.len() >= MIN_MATCHES {
-            let fade = 1.0 - 1.0 / MEMORY_FRAMES;
-            self.normal *= fade;
-            self.right_side *= fade;
-            let (normal, right_side) = self.robust_normal_equations(matches);
-            self.normal += normal;
-            self.right_side += right_side;
+            let pair = Evidence::of_pair(&self.geometry, matches, &mut self.residuals);
+            self.seen.fade(1.0 - 1.0 / MEMORY_FRAMES);
+            self.seen.add(&pair);
             self.frames += 1;
             self.matches += matches.len();
         }
@@ -166,59 +179,34 @@ impl DriftMeter {
 
     /// What is known so far.
     pub fn drift(&self) -> Drift {
-        let Some(covariance) = self.normal.try_inverse().filter(|_| self.frames > 0) else {
-            return Drift::UNKNOWN;
+        self.solve().unwrap_or(Drift::UNKNOWN)
+    }
+
+    fn solve(&self) -> Option<Drift> {
+        if self.frames == 0 {
+            return None;
+        }
+        let calibration = Prior::about_zero(self.granted);
+        let before = if self.reference.is_none() {
+            calibration
+        } else {
+            let model = at_edge(&self.geometry, MODEL_ERROR_PX).map(|sigma| sigma * sigma);
+            calibration.after(&self.reference)?.widened(model)
         };
-        let mut values: [f64; 4] = (covariance * self.right_side).into();
-        let noise: [f64; 4] = std::array::from_fn(|i| covariance[(i, i)].max(0.0).sqrt());
-        let mut granted = self.granted;
-        if let Some(reference) = &self.reference {
-            let model = at_edge(&self.geometry, [MODEL_ERROR_PX; 4]);
-            for i in 0..4 {
-                values[i] -= reference.values[i];
-                granted[i] = reference.noise[i].powi(2) + model[i].powi(2);
-            }
-        }
-        let sigma = std::array::from_fn(|i| (noise[i] * noise[i] + granted[i]).sqrt());
-        Drift { values, sigma, noise, frames: self.frames, matches: self.matches }
-    }
-
-    /// Normal equations of one pair, weighted by Tukey's biweight about the pair's own best fit.
-    fn robust_normal_equations(&mut self, matches: &[PointMatch]) -> (Matrix4<f64>, Vector4<f64>) {
-        let mut fit = Vector4::zeros();
-        // Starts from the middle of the residuals: a pitch beyond the cutoff must not hide all matches.
-        self.residuals.clear();
-        self.residuals.extend(matches.iter().map(PointMatch::vertical_px));
-        let shift = super::alignment::median(&mut self.residuals);
-        fit[0] = shift / self.geometry.focal_px;
-        for _ in 0..6 {
-            let (normal, right_side) = self.weighted(matches, &fit);
-            if let Some(inverse) = normal.try_inverse() {
-                fit = inverse * right_side;
-            }
-        }
-        self.weighted(matches, &fit)
-    }
-
-    fn weighted(&mut self, matches: &[PointMatch], fit: &Vector4<f64>) -> (Matrix4<f64>, Vector4<f64>) {
-        let geometry = self.geometry;
-        self.residuals.clear();
-        self.residuals
-            .extend(matches.iter().map(|m| (m.vertical_px() - pattern(&geometry, m).dot(fit)).abs()));
-        let sigma = (1.4826 * super::alignment::median(&mut self.residuals)).max(LEAST_SIGMA_PX);
-        let mut normal = Matrix4::zeros();
-        let mut right_side = Vector4::zeros();
-        for found in matches {
-            let row = pattern(&geometry, found);
-            let dy = found.vertical_px();
-            let t = (dy - row.dot(fit)) / (4.0 * sigma);
-            if t.abs() < 1.0 {
-                let w = (1.0 - t * t).powi(2) / (sigma * sigma);
-                normal += row * row.transpose() * w;
-                right_side += row * (dy * w);
-            }
-        }
-        (normal, right_side)
+        let (information, right_side) = self.seen.about_shift(&before)?;
+        let covariance = information.try_inverse()?;
+        let (of_matches, _) = self.seen.about_shift(&Prior::about_zero([0.0; 4]))?;
+        let noise = of_matches.try_inverse()?;
+        let deviations = |variance: Matrix4<f64>| std::array::from_fn(|i| variance[(i, i)].max(0.0).sqrt());
+        Some(Drift {
+            values: (covariance * right_side).into(),
+            sigma: deviations(covariance),
+            noise: deviations(noise),
+            frames: self.frames,
+            matches: self.matches,
+            gain: std::array::from_fn(|i| right_side[i] * right_side[i] / information[(i, i)]),
+            evidence: self.seen,
+        })
     }
 }
 
@@ -227,15 +215,27 @@ fn pattern(geometry: &RectifiedGeometry, found: &PointMatch) -> Vector4<f64> {
     let RectifiedGeometry { focal_px, cx_px, cy_px, doffs_px, .. } = *geometry;
     let [x, y] = found.right_px;
     let (u, v) = ((x - cx_px - doffs_px) / focal_px, (y - cy_px) / focal_px);
-    // A camera that turns by ω sees a ray turn by -ω: (u, v) moves by the image of -ω × (u, v, 1).
-    Vector4::new(1.0 + v * v, -u * v, -u, v) * focal_px
+    // A camera that turns by ω sees a ray turn by -ω: its row moves by that of the image of -ω × ray.
+    let per_focal = match geometry.projection {
+        Projection::Pinhole => Vector4::new(1.0 + v * v, -u * v, -u, v),
+        Projection::Cylindrical => {
+            let (sin, cos) = v.sin_cos();
+            Vector4::new(1.0, -u.tan() * sin, -u.tan() * cos, sin * cos)
+        }
+    };
+    per_focal * focal_px
 }
 
 /// Values whose vertical error at half the image's width and height is so many pixels.
 fn at_edge(geometry: &RectifiedGeometry, error_px: [f64; 4]) -> [f64; 4] {
     let RectifiedGeometry { width, height, focal_px, .. } = *geometry;
     let [u, v] = [width, height].map(|side| 0.5 * side as f64 / focal_px);
-    let reach = [1.0, u * v, u, v];
+    let [across, down] = match geometry.projection {
+        Projection::Pinhole => [u, v],
+        // Short of a right angle, where a row's own direction is lost.
+        Projection::Cylindrical => [u.min(1.4).tan(), v.min(1.4).tan()],
+    };
+    let reach = [1.0, across * down, across, down];
     std::array::from_fn(|i| error_px[i] / (focal_px * reach[i]))
 }
 
@@ -261,11 +261,8 @@ fn variance_of_calibration(
     for i in 0..GRID * GRID {
         let [x, y] =
             [fraction(i % GRID) * geometry.width as f64, fraction(i / GRID) * geometry.height as f64];
-        let far = Vector3::new(
-            (x - geometry.cx_px) / geometry.focal_px,
-            (y - geometry.cy_px) / geometry.focal_px,
-            1.0,
-        );
+        let flat = Vector2::new(x - geometry.cx_px, y - geometry.cy_px) / geometry.focal_px;
+        let Some(far) = geometry.projection.ray(flat) else { continue };
         let pixel = |camera: &CameraView, turn: &Matrix3<f64>| camera.project(&(turn.transpose() * far));
         let (Some(left), Some(right)) = (
             pixel(&calibration.left.view(), &frame.aligned_from_left),
@@ -276,7 +273,9 @@ fn variance_of_calibration(
         let row = pattern(geometry, &PointMatch { left_px: [x, y], right_px: [x, y] });
         normal += row * row.transpose();
         for parameter in 0..parameters {
-            let vertical = |rig: &MovedRig| Some(geometry.focal_px * rig.row_difference(left, right)?);
+            let vertical = |rig: &MovedRig| {
+                Some(geometry.focal_px * rig.row_difference(geometry.projection, left, right)?)
+            };
             let (Some(a), Some(b)) = (vertical(&below[parameter]), vertical(&above[parameter])) else {
                 continue;
             };
@@ -309,9 +308,9 @@ impl MovedRig {
     }
 
     /// `y_right - y_left` of two pixels, aligned and normalised by the focal length.
-    fn row_difference(&self, left: Vector2<f64>, right: Vector2<f64>) -> Option<f64> {
-        let left = self.frame.align_left(self.left.normalised_from_pixel(left)?);
-        let right = self.frame.align_right(self.right.normalised_from_pixel(right)?);
+    fn row_difference(&self, on: Projection, left: Vector2<f64>, right: Vector2<f64>) -> Option<f64> {
+        let left = on.flat(&(self.frame.aligned_from_left * self.left.direction(left)?))?;
+        let right = on.flat(&(self.frame.aligned_from_right * self.right.direction(right)?))?;
         Some(right.y - left.y)
     }
 }
