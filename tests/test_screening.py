@@ -122,6 +122,20 @@ def test_a_board_mis_found_by_a_row_is_named(bouguet: tuple[list[np.ndarray], li
     assert [i for i, v in enumerate(found) if not v.accepted] == [6]
 
 
+def test_a_pair_that_fits_far_worse_than_the_others_is_named(
+    bouguet: tuple[list[np.ndarray], list[np.ndarray]],
+) -> None:
+    """Its corners are all over the place, but around a board that is where it should be."""
+    views = ep.find_boards(*bouguet, BOARD)
+    view = views.views[8]
+    assert view.left is not None
+    rng = np.random.default_rng(0)
+    shaken = replace(view, left=replace(view.left, px=view.left.px + rng.normal(0, 1.5, (54, 2))))
+    found = screened((*views.views[:8], shaken, *views.views[9:]), BOARD, views.image_size)
+    assert [i for i, v in enumerate(found) if not v.accepted] == [8]
+    assert "px off where the other pairs put them" in found[8].reason
+
+
 def test_a_view_of_one_camera_still_informs_it(bouguet: tuple[list[np.ndarray], list[np.ndarray]]) -> None:
     left, right = bouguet
     blank = np.full_like(left[0], 128)

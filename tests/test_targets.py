@@ -13,7 +13,7 @@ from epiline.sources import open_source
 from epiline.targets import parse_board, parse_length
 from epiline.targets.chessboard import NotFoundError, _detect, find_corners
 from epiline.targets.grid import closest_reading, irregularity, readings, smallest_spacing
-from epiline.targets.refinement import refined
+from epiline.targets.refinement import refined, windows
 from epiline.targets.search import _workers
 
 
@@ -93,7 +93,7 @@ def test_refinement_beats_square_windows(square_px: float, tilt: float) -> None:
     ours, square = [], []
     for seed in range(3):
         image, truth, rough = seen_board(seed, square_px, tilt)
-        found = refined(image, rough, 9, 6)
+        found = refined(image, rough, windows(rough.reshape(6, 9, 2)))
         ours.append(found - truth)
         half = max(2, round(0.35 * smallest_spacing(truth, ep.Chessboard(columns=9, rows=6))))
         start = rough.astype(np.float32).reshape(-1, 1, 2)
@@ -108,19 +108,37 @@ def test_refinement_beats_square_windows(square_px: float, tilt: float) -> None:
 
 def test_refinement_of_hostile_pictures() -> None:
     image, truth, rough = seen_board(0, 40.0, 0.3)
+
+    def found(image: np.ndarray, rough: np.ndarray) -> np.ndarray:
+        return refined(image, rough, windows(rough.reshape(6, 9, 2)))
+
     # Nothing to see: where they were. One edge: no place along it.
-    np.testing.assert_array_equal(refined(np.full_like(image, 77), rough, 9, 6), rough)
+    np.testing.assert_array_equal(found(np.full_like(image, 77), rough), rough)
     edge = np.zeros_like(image)
     edge[:, 320:] = 255
-    assert np.isfinite(refined(edge, rough, 9, 6)).all()
+    assert np.isfinite(found(edge, rough)).all()
     # Corners outside the picture, and all in one place.
-    assert np.isfinite(refined(image, rough - 400.0, 9, 6)).all()
-    assert np.isfinite(refined(image, np.zeros_like(rough), 9, 6)).all()
+    assert np.isfinite(found(image, rough - 400.0)).all()
+    assert np.isfinite(found(image, np.zeros_like(rough))).all()
     # In a crop they are where they are in the whole.
     x, y = truth.min(axis=0).astype(int) - 45
-    crop = np.ascontiguousarray(image[y:, x:])
-    in_crop = refined(crop, rough - [x, y], 9, 6) + np.array([x, y])
-    np.testing.assert_allclose(in_crop, refined(image, rough, 9, 6), atol=2e-3)
+    in_crop = found(np.ascontiguousarray(image[y:, x:]), rough - [x, y]) + np.array([x, y])
+    np.testing.assert_allclose(in_crop, found(image, rough), atol=2e-3)
+
+
+def test_windows_follow_the_board_also_where_part_of_it_is_hidden() -> None:
+    along, down = np.array([30.0, 4.0]), np.array([-6.0, 12.0])
+    grid = np.array([[c * along + r * down for c in range(5)] for r in range(4)])
+    whole = windows(grid)
+    np.testing.assert_allclose(whole, np.broadcast_to([[0.4 * along], [0.4 * down]], whole.shape), atol=1e-12)
+    hidden = grid.copy()
+    hidden[0, :4] = hidden[2] = hidden[:, 2] = np.nan
+    seen = np.isfinite(hidden).all(axis=2).ravel()
+    np.testing.assert_allclose(windows(hidden)[:, seen], whole[:, seen], atol=1e-12)
+    # At least so many pixels, but clear of the next corner, and a window at all.
+    lengths = np.linalg.norm(windows(grid, 0.1, 4.0), axis=2)
+    np.testing.assert_allclose(lengths, np.broadcast_to([[4.0], [4.0]], lengths.shape))
+    np.testing.assert_allclose(np.linalg.norm(windows(grid / 5, 0.1, 4.0)[1], axis=1), 2.0)
 
 
 def test_a_board_with_odd_and_even_sides_is_read_the_same_way_upside_down() -> None:

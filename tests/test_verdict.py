@@ -36,7 +36,7 @@ def photographed(
     rng: np.random.Generator,
     count: int,
     *,
-    tilt: float = 0.5,
+    tilt: float | tuple[float, float, float] = 0.5,
     spread: float = 1.0,
     depth_m: tuple[float, float] = (0.3, 0.5),
     noise_px: float = 0.15,
@@ -46,7 +46,7 @@ def photographed(
     ids = np.arange(len(middle))
     views: list[View] = []
     while len(views) < count:
-        turn = cv2.Rodrigues(rng.uniform(-tilt, tilt, 3))[0]
+        turn = cv2.Rodrigues(rng.uniform(-1, 1, 3) * tilt)[0]
         z = rng.uniform(*depth_m)
         place = [rng.uniform(-0.28, 0.28) * z * spread + 0.04, rng.uniform(-0.2, 0.2) * z * spread, z]
         in_left = middle @ turn.T + place
@@ -153,6 +153,11 @@ def test_what_is_missing_is_asked_for(truth: ep.StereoCalibration) -> None:
     assert "more pairs" not in full
     assert "turn the board" in advice(count=12, tilt=0.15)
     assert "tip the board" in advice(count=12, tilt=0.15)
+    only_tipped, only_turned = advice(count=20, tilt=(0.6, 0.1, 0.3)), advice(count=20, tilt=(0.1, 0.6, 0.3))
+    assert "turn the board" in only_tipped
+    assert "tip the board" not in only_tipped
+    assert "tip the board" in only_turned
+    assert "turn the board" not in only_turned
     assert "take 4 more pairs" in advice(count=4)
     middle = advice(count=12, spread=0.15, depth_m=(0.45, 0.5))
     assert "top left of both pictures" in middle
@@ -248,3 +253,16 @@ def test_errors_are_seen_minus_predicted(truth: ep.StereoCalibration) -> None:
     squares = [np.square(e.left_off_px).sum(axis=1).mean() for e in errors]
     np.testing.assert_allclose(np.sqrt(squares), [view.left_rms_px for view in found.views], rtol=1e-6)
     assert view_errors(truth, views) == []
+    # A corner seen 5 px to the right and 4 px up of where it is, in each camera.
+    view = views.views[3]
+    assert view.left is not None
+    assert view.right is not None
+    sides = []
+    for seen in (view.left, view.right):
+        px = seen.px.copy()
+        px[11] += (5.0, -4.0)
+        sides.append(replace(seen, px=px))
+    moved = replace(views, views=(*views.views[:3], replace(view, left=sides[0], right=sides[1]), *views.views[4:]))
+    off = view_errors(ep.calibrate(moved, held_out=False), moved)[3]
+    for error in (off.left_off_px[11], off.right_off_px[11]):
+        np.testing.assert_allclose(error, [5.0, -4.0], atol=0.6)

@@ -12,13 +12,13 @@ from epiline.targets.boards import Charuco
 from epiline.targets.failure import NotFoundError
 from epiline.targets.grid import on_grid
 from epiline.targets.observations import MIN_CORNERS, Points
+from epiline.targets.refinement import refined, windows
 
 # Markers that must be read before anything is said about a board that has no corners.
 _MIN_MARKERS = 4
-# OpenCV's own refinement leaves 0.19 px on a drawn board; a window that reaches as near to the markers as this share
-# of the gap between square and marker leaves 0.05 px. Windows smaller than the least one do worse than none.
-_GAP_SHARE = 0.8
-_MIN_HALF_WINDOW = 3
+# Half a refinement window is at least this wide, even if that is more than the gap between square and marker: the rim
+# of a marker is parallel to the edges and harms less than a window that is smaller than their blur.
+_MIN_HALF_WINDOW_PX = 4.0
 
 
 def find_charuco(image: NDArray[np.uint8], board: Charuco) -> tuple[Points, NDArray[np.int64]]:
@@ -59,18 +59,10 @@ def find_charuco(image: NDArray[np.uint8], board: Charuco) -> tuple[Points, NDAr
 
 
 def _refined(image: NDArray[np.uint8], corners: Points, ids: NDArray[np.int64], board: Charuco) -> Points:
-    """Corners refined in a window that keeps clear of the markers, where that leaves enough of it."""
-    grid = on_grid(corners, ids, board)
-    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).ravel() for axis in (0, 1)]
-    spacing = np.concatenate(steps)
-    spacing = spacing[np.isfinite(spacing)]
+    """Corners refined in windows that reach to the markers, or a little into them."""
     gap_share = (1 - board.marker_m / board.square_m) / 2
-    window = int(_GAP_SHARE * gap_share * spacing.min()) if spacing.size else 0
-    if window < _MIN_HALF_WINDOW:
-        return corners
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
-    start = corners.astype(np.float32).reshape(-1, 1, 2)
-    return np.asarray(cv2.cornerSubPix(image, start, (window, window), (-1, -1), criteria), np.float64).reshape(-1, 2)
+    half_sides = windows(on_grid(corners, ids, board), gap_share, _MIN_HALF_WINDOW_PX)
+    return refined(image, corners, half_sides[:, ids])
 
 
 def check_dictionary(board: Charuco) -> None:

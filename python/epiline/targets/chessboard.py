@@ -13,7 +13,7 @@ from epiline.targets.boards import Chessboard
 from epiline.targets.failure import NotFoundError
 from epiline.targets.grid import MAX_IRREGULARITY, irregularity, smallest_spacing
 from epiline.targets.observations import Points
-from epiline.targets.refinement import refined
+from epiline.targets.refinement import refined, windows
 
 # Closer neighbours lie inside the smallest window.
 _MIN_SPACING_PX = 3.0
@@ -105,7 +105,7 @@ def _refine(image: NDArray[np.uint8], rough: Points, board: Chessboard, half_win
     if spacing < _MIN_SPACING_PX:
         return rough, f"two corners are {spacing:.1f} px apart; they must be {_MIN_SPACING_PX:g} px or more"
     if half_window is None:
-        corners = refined(image, rough, board.columns, board.rows)
+        corners = refined(image, rough, windows(rough.reshape(board.rows, board.columns, 2)))
     else:
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
         start = rough.astype(np.float32).reshape(-1, 1, 2)

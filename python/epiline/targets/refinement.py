@@ -10,46 +10,66 @@ from numpy.typing import NDArray
 
 from epiline.targets.observations import Points
 
-# Half the window as a share of the steps to the neighbours, and the standard deviation of its weight as a share of
-# that. Chosen on two rigs and confirmed on two others, whose held-out vertical disparity fell from 0.103, 0.039 and
-# from 0.082, 0.185 px, with square windows of whole pixels and 0.35 of the smallest step, to 0.090, 0.034 and 0.042,
-# 0.174 px. At 0.45 windows of steep boards reach into the next corners.
-_WINDOW_SHARE, _WEIGHT_SIGMA = 0.4, 0.5
+# Half the window as a share of the steps to the neighbours, and the standard deviation of its weight as a share of half
+# the window. Chosen on two rigs and confirmed on two others, whose held-out vertical disparity fell from 0.103, 0.039
+# and from 0.082, 0.185 px, with square windows of whole pixels and 0.35 of the smallest step, to 0.090, 0.034 and
+# 0.042, 0.174 px. At 0.45 windows of steep boards reach into the next corners.
+WINDOW_SHARE, _WEIGHT_SIGMA = 0.4, 0.5
 # Noise is white and edges are not: blurred by this much they keep their place and lose half the noise.
 _BLUR_PX = 0.7
 # A window needs this much to hold the two edges, and this much is all that it gains from.
-_MIN_HALF_PX, _MAX_HALF_PX = 2.0, 32.0
+MIN_HALF_PX, _MAX_HALF_PX = 2.0, 32.0
 # Samples of the gradient from the middle of a window to its rim: one a pixel, and never few.
 _MIN_SAMPLES = 12
 _ITERATIONS, _CONVERGED_PX = 30, 1e-3
 
 
-def refined(image: NDArray[np.uint8], rough: Points, columns: int, rows: int) -> Points:
-    """Corners of a whole grid, each where the gradients in a window around it are square to the line from it.
+def windows(grid: Points, share: float = WINDOW_SHARE, least_px: float = MIN_HALF_PX) -> Points:
+    """The parallelograms that a board's own steps span around its corners.
+
+    Parameters
+    ----------
+    grid : (rows, columns, 2) float64
+        Corners where they are on the board, pixels; NaN where there is none.
+    share : float
+        Half a window's side as a share of the step to the next corner.
+    least_px : float
+        What it is at least, as far as it then stays clear of the next corner.
+
+    Returns
+    -------
+    (2, rows * columns, 2) float64
+        From each corner to the middle of its window's right and of its lower side, pixels.
+    """
+    steps = np.stack([_steps(grid, axis).reshape(-1, 2) for axis in (1, 0)])
+    lengths = np.linalg.norm(steps, axis=2, keepdims=True)
+    half_px = np.clip(share * lengths, np.minimum(least_px, WINDOW_SHARE * lengths), _MAX_HALF_PX)
+    return np.asarray(steps * (np.maximum(half_px, MIN_HALF_PX) / np.maximum(lengths, 1e-9)), np.float64)
+
+
+def refined(image: NDArray[np.uint8], rough: Points, half_sides: Points) -> Points:
+    """Corners, each where the gradients in a window around it are square to the line from it.
 
     A point on an edge has a gradient square to the edge, hence to its line from the corner `q`, and inside a square
-    there is none: least squares of ``g · (p - q) = 0`` over the points `p` of a window (Förstner & Gülch, 1987). The
-    window is the parallelogram that the board's own steps span, so that it covers the same part of the squares however
-    the board is tilted and however small it is, and its weight falls off towards its rim.
+    there is none: least squares of ``g · (p - q) = 0`` over the points `p` of a window (Förstner & Gülch, 1987). A
+    window that follows the board covers the same part of the squares however the board is tilted and however small it
+    is; its weight falls off towards its rim.
 
     Parameters
     ----------
     image : (H, W) uint8
     rough : (N, 2) float64
-        Row by row, right to a pixel or two.
-    columns, rows : int
-        Of the grid.
+        Right to a pixel or two.
+    half_sides : (2, N, 2) float64
+        Of their windows, as :func:`windows` gives them.
 
     Returns
     -------
     (N, 2) float64
         Pixels; a corner without gradients stays where it was.
     """
-    # (2, N, 2): from a corner to the middle of its window's right and of its lower side.
-    steps = _steps(rough.reshape(rows, columns, 2))
-    lengths = np.linalg.norm(steps, axis=2, keepdims=True)
-    half_px = np.clip(_WINDOW_SHARE * lengths, _MIN_HALF_PX, _MAX_HALF_PX)
-    along, down = steps * (half_px / np.maximum(lengths, 1e-9))
+    along, down = half_sides
+    half_px = np.linalg.norm(half_sides, axis=2)
     samples = max(math.ceil(half_px.max()), _MIN_SAMPLES)
     u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, 2 * samples + 1)] * 2))
     weight = np.exp(-(u**2 + v**2) / (2 * _WEIGHT_SIGMA**2))
@@ -76,9 +96,15 @@ def refined(image: NDArray[np.uint8], rough: Points, columns: int, rows: int) ->
     return np.asarray(corners + origin, np.float64)
 
 
-def _steps(grid: Points) -> Points:
-    """(2, N, 2): the steps to the next corner along the row and down the column, at every corner."""
-    return np.stack([np.gradient(grid, axis=axis).reshape(-1, 2) for axis in (1, 0)])
+def _steps(grid: Points, axis: int) -> Points:
+    """(rows, columns, 2): mean of the steps from the corner before and to the one after; the usual one without both."""
+    step = np.diff(grid, axis=axis)
+    nowhere = np.full_like(np.take(grid, [0], axis=axis), np.nan)
+    both = np.stack([np.concatenate(parts, axis=axis) for parts in ([nowhere, step], [step, nowhere])])
+    known = np.isfinite(both)
+    count = known.sum(axis=0)
+    usual = np.nanmedian(step.reshape(-1, 2), axis=0) if np.isfinite(step).any() else np.zeros(2)
+    return np.where(count > 0, np.where(known, both, 0.0).sum(axis=0) / np.maximum(count, 1), usual)
 
 
 def _gradients(
