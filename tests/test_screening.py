@@ -200,6 +200,10 @@ def test_the_cache_saves_looking_and_sees_what_changed(tmp_path: Path, monkeypat
     assert looked == ["right.png"]
     find(ep.Chessboard(columns=9, rows=6, square_m=0.05))
     assert sorted(looked) == ["left.png", "right.png"]
+    # Corners that an older version refined otherwise are not mixed with new ones.
+    monkeypatch.setattr("epiline.targets.cache._WAY_OF_LOOKING", -1)
+    find()
+    assert sorted(looked) == ["left.png", "right.png"]
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
