@@ -576,3 +576,22 @@ def test_the_command_line_describes_and_converts(tmp_path: Path, capsys: pytest.
     assert "cannot hold the left lens's distortion" in capsys.readouterr().err
     assert main(["info", "--save-as", str(source)]) == 1
     assert "--rig" in capsys.readouterr().err
+
+
+def test_the_command_line_reads_any_pair_of_kittis_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, target = tmp_path / "calib_cam_to_cam.txt", tmp_path / "rig.yaml"
+    turn = cv2.Rodrigues(np.array([0.01, -0.02, 0.005]))[0]
+    model = ep.CameraModel([[984, 0, 690], [0, 980, 233], [0, 0, 1]], [-0.37, 0.2, 0, 0, -0.07], width=1392, height=512)
+    cameras = {n: (model, turn, np.array([-0.2 * n, 0.0, 0.0])) for n in range(4)}
+    aligned = "".join(
+        f"S_rect_{n:02}: 1242 375\nP_rect_{n:02}: 721 0 609 {-721 * 0.2 * n} 0 721 172 0 0 0 1 0\n" for n in range(4)
+    )
+    path.write_text(raw_kitti(cameras) + aligned)
+    arguments = ["info", "--rig", str(path), "--cameras", "0", "3", "--json"]
+    assert main(arguments) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["baseline_m"] == pytest.approx(0.6)
+    assert facts["left"]["width"] == 1242
+    assert main([*arguments, "--read-as", "kitti-raw", "--save-as", str(target)]) == 0
+    assert_same(ep.StereoCalibration.load(target), ep.StereoCalibration.load(path, format="kitti-raw", cameras=(0, 3)))
+    assert ep.StereoCalibration.load(target).left == model

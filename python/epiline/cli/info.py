@@ -22,7 +22,8 @@ from epiline._core import (
 from epiline.cli.arguments import positive, whole
 from epiline.cli.console import print_json, print_table
 
-_FORMATS = ("epiline", "opencv", "ros", "kalibr", "mrcal", "middlebury", "kitti")
+_WRITTEN = ("epiline", "opencv", "ros", "kalibr", "mrcal", "middlebury", "kitti")
+_READ = (*_WRITTEN, "boofcv", "kitti-grey", "kitti-raw")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="describe a rig instead: one file, or two (left and right; OpenCV: intrinsics and extrinsics)",
     )
     parser.add_argument("--save-as", nargs="+", type=Path, metavar="FILE", help="write that rig to one file or two")
-    parser.add_argument("--format", choices=_FORMATS, help="of the files written; by default their names decide")
+    parser.add_argument("--format", choices=_WRITTEN, help="of the files written; by default their names decide")
+    parser.add_argument("--read-as", choices=_READ, help="format of the files read; by default their content decides")
+    parser.add_argument(
+        "--cameras", nargs=2, type=whole(0), metavar="N", help="left and right camera of KITTI's files, which hold four"
+    )
     parser.add_argument(
         "--image-size", type=_size, metavar="WxH", help="of the photographs, px, for files that do not say"
     )
@@ -95,7 +100,13 @@ def _paths(option: str, paths: list[Path]) -> Path | tuple[Path, Path]:
 
 
 def _run_rig(args: argparse.Namespace) -> None:
-    rig = StereoCalibration.load(_paths("--rig", args.rig), image_size=args.image_size, unit_m=args.unit)
+    rig = StereoCalibration.load(
+        _paths("--rig", args.rig),
+        format=args.read_as,
+        image_size=args.image_size,
+        unit_m=args.unit,
+        cameras=None if args.cameras is None else (args.cameras[0], args.cameras[1]),
+    )
     if args.save_as is not None:
         rig.save(_paths("--save-as", args.save_as), format=args.format)
     facts: dict[str, object] = {
