@@ -6,8 +6,8 @@ Per preset, the share of pixels within one and within two standard deviations, w
 and with 0.25 px for all; pixels that both cameras see, every scene with the same weight; the even scenes, on which the
 sigmas were chosen, | the odd ones. A normal distribution has 68.3 and 95.4 %.
 
-Then the half-widths that hold 68 % and 95 % of the errors about each confidence, the second halved: where the two differ,
-the errors have longer tails than a normal distribution.
+Then the half-widths that hold 68 % and 95 % of the errors about each confidence, the second halved: where the two
+differ, the errors have longer tails than a normal distribution.
 """
 
 from __future__ import annotations

@@ -38,7 +38,8 @@ def test_wrong_usage_is_status_2() -> None:
 
 
 def test_every_verb_has_help(capsys: pytest.CaptureFixture[str]) -> None:
-    for verb in ("demo", "calibrate", "rectify", "match", "run", "fit-range", "evaluate", "bench", "tune", "info"):
+    verbs = "demo calibrate rectify match run regions measure fit-range evaluate bench tune info"
+    for verb in verbs.split():
         with pytest.raises(SystemExit) as caught:
             main([verb, "--help"])
         assert caught.value.code == 0

@@ -168,7 +168,7 @@ def test_svg_profiles_stand_alone_and_leave_gaps(profile: ep.RegionProfile, tmp_
     assert "column, px" in texts
     assert ("disparity, px" if quantity == "disparity" else "range, m") in texts
     assert "var(" not in path.read_text(), "colours of a page that is not there"
-    nearest = [e for e in root.iter(f"{space}path") if e.get("class") in ("line c0", "line c2")][0].get("d")
+    nearest = next(e for e in root.iter(f"{space}path") if e.get("class") in ("line c0", "line c2")).get("d")
     assert nearest is not None
     assert nearest.count("M") == 2, "two stretches with a gap between them"
 

@@ -19,6 +19,7 @@ __all__ = [
     "Drift",
     "Error",
     "FrameResult",
+    "GaussianLowPass",
     "Obstacle",
     "Outlier",
     "PairAlignment",
@@ -71,6 +72,19 @@ def xsobel(image: Image, *, cap: int = 31) -> Image: ...
 def gaussian_low_pass(
     image: NDArray[np.float32], *, sigma: float, method: Literal["auto", "frequency"] = "auto"
 ) -> NDArray[np.float32]: ...
+
+@final
+class GaussianLowPass:
+    """The filter of gaussian_low_pass for many images of one size: weights and buffers are kept."""
+
+    def __new__(
+        cls, width: int, height: int, *, sigma: float, method: Literal["auto", "frequency"] = "auto"
+    ) -> GaussianLowPass: ...
+    def __call__(
+        self, image: NDArray[np.float32], *, out: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]: ...
+    @property
+    def is_spatial(self) -> bool: ...
 
 # ---- camera ------------------------------------------------------------------------------------
 

@@ -87,10 +87,10 @@ class RegionSet:
                     box = Region.from_shares(
                         name, x=x, y=y, width=width, height=height, image_size=_given(size, where, "the image's size")
                     )
-                    pixels = {"x": box.x, "y": box.y, "width": box.width, "height": box.height}
+                    pixels: dict[str, Any] = {"x": box.x, "y": box.y, "width": box.width, "height": box.height}
                 else:
                     pixels = {key: entry[key] for key in _PIXELS}
-                search = {key: tuple(entry[key]) for key in ("disparities", "range_m") if key in entry}
+                search: dict[str, Any] = {key: tuple(entry[key]) for key in ("disparities", "range_m") if key in entry}
                 placed.append(Region(name, **pixels, **search))
             except ValueError as error:
                 message = str(error)
@@ -189,9 +189,10 @@ def choose_set(sets: Mapping[str, RegionSet], name: str | None, where: str) -> R
 def read_toml(path: StrPath) -> dict[str, Any]:
     """The tables of a TOML file; a message names the file."""
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        content: dict[str, Any] = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: {error}") from error
+    return content
 
 
 def region_sets(content: Mapping[str, Any], where: str) -> dict[str, RegionSet]:

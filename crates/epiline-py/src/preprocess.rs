@@ -2,7 +2,7 @@
 
 use epiline::image::Image;
 use epiline::preprocess::{self, GaussianLowPass, equalize_histogram};
-use numpy::PyArray2;
+use numpy::{PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -13,6 +13,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(grey, module)?)?;
     module.add_function(wrap_pyfunction!(equalize, module)?)?;
     module.add_function(wrap_pyfunction!(xsobel, module)?)?;
+    module.add_class::<PyGaussianLowPass>()?;
     module.add_function(wrap_pyfunction!(gaussian_low_pass, module)?)
 }
 
@@ -130,17 +131,103 @@ fn gaussian_low_pass<'py>(
     sigma: f64,
     method: &str,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-    let plan = match method {
-        "auto" => GaussianLowPass::new,
-        "frequency" => GaussianLowPass::in_frequency_domain,
+    let image = typed_image::<f32>("image", image, "float32")?;
+    let view = image.view();
+    let mut filtered = Image::default();
+    let mut filter = plan(view.width(), view.height(), sigma, method)?;
+    py.detach(|| filter.apply(view, &mut filtered)).or_raise()?;
+    Ok(image_array(py, &filtered))
+}
+
+fn plan(width: usize, height: usize, sigma: f64, method: &str) -> PyResult<GaussianLowPass> {
+    match method {
+        "auto" => GaussianLowPass::new(width, height, sigma),
+        "frequency" => GaussianLowPass::in_frequency_domain(width, height, sigma),
         other => {
             let message = format!("method = '{other}': must be 'auto' or 'frequency'");
             return Err(PyValueError::new_err(message));
         }
-    };
-    let image = typed_image::<f32>("image", image, "float32")?;
-    let view = image.view();
-    let mut filtered = Image::default();
-    py.detach(|| plan(view.width(), view.height(), sigma)?.apply(view, &mut filtered)).or_raise()?;
-    Ok(image_array(py, &filtered))
+    }
+    .or_raise()
+}
+
+/// The filter of gaussian_low_pass for many images of one size: weights and buffers are kept.
+///
+/// Parameters
+/// ----------
+/// width, height : int
+///     Of the images, px.
+/// sigma, method
+///     As gaussian_low_pass takes them.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A size that is none, a sigma that is not positive, an unknown method.
+#[pyclass(name = "GaussianLowPass", module = "epiline")]
+pub struct PyGaussianLowPass {
+    filter: GaussianLowPass,
+    filtered: Image<f32>,
+}
+
+#[pymethods]
+impl PyGaussianLowPass {
+    #[new]
+    #[pyo3(signature = (width, height, *, sigma, method = "auto"))]
+    fn new(width: i64, height: i64, sigma: f64, method: &str) -> PyResult<Self> {
+        let filter = plan(whole("width", width)?, whole("height", height)?, sigma, method)?;
+        Ok(Self { filter, filtered: Image::default() })
+    }
+
+    /// Filters an image.
+    ///
+    /// Parameters
+    /// ----------
+    /// image : (H, W) float32
+    ///     Every pixel finite.
+    /// out : (H, W) float32, optional
+    ///     Takes the answer; contiguous. A new array by default.
+    ///
+    /// Returns
+    /// -------
+    /// (H, W) float32
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     Another size or type, or a pixel that is not finite.
+    #[pyo3(signature = (image, *, out = None))]
+    fn __call__<'py>(
+        &mut self,
+        py: Python<'py>,
+        image: &Bound<'py, PyAny>,
+        out: Option<Bound<'py, PyArray2<f32>>>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let image = typed_image::<f32>("image", image, "float32")?;
+        let view = image.view();
+        let Self { filter, filtered } = self;
+        py.detach(|| filter.apply(view, filtered)).or_raise()?;
+        let Some(out) = out else { return Ok(image_array(py, filtered)) };
+        let size = [filtered.height(), filtered.width()];
+        // Fails too where `out` is the image itself, which is borrowed.
+        let mut taken = out
+            .try_readwrite()
+            .map_err(|error| PyValueError::new_err(format!("out: cannot be written: {error}")))?;
+        match taken.as_slice_mut() {
+            Ok(pixels) if out.shape() == size => pixels.copy_from_slice(filtered.as_slice()),
+            _ => {
+                let message =
+                    format!("out: expected a contiguous array of shape {size:?}, got {:?}", out.shape());
+                return Err(PyValueError::new_err(message));
+            }
+        }
+        drop(taken);
+        Ok(out)
+    }
+
+    /// Whether it sums over neighbours; else it transforms.
+    #[getter]
+    fn is_spatial(&self) -> bool {
+        self.filter.is_spatial()
+    }
 }

@@ -3,6 +3,8 @@
 use std::f64::consts::TAU;
 
 use epiline::image::{Image, ImageRef};
+use epiline::kernels::weighted::WeightedRow;
+use epiline::kernels::{Kernels, Level};
 use epiline::preprocess::{GaussianLowPass, equalize_histogram, grey_from_bgr};
 use proptest::prelude::*;
 
@@ -108,6 +110,30 @@ fn sums_over_neighbours_are_the_frequency_domains_to_a_ten_thousandth() {
     assert!(spatial > 25, "only {spatial} filters were sums over neighbours");
     for sigma in [2.0, 5.0, 10.0, 20.0, 40.0] {
         assert!(GaussianLowPass::new(640, 480, sigma).expect("legal").is_spatial(), "sigma {sigma}");
+    }
+}
+
+#[test]
+fn weighted_sums_are_the_definition_at_every_level() {
+    let mut random = noise(3);
+    for length in [1, 7, 15, 16, 33, 64, 100, 150] {
+        let pixels: Vec<f32> = (0..400).map(|_| (510.0 * random() - 255.0) as f32).collect();
+        let starts: Vec<usize> = (0..9).map(|_| (random() * (400 - length + 1) as f64) as usize).collect();
+        let weights: Vec<f32> = starts.iter().map(|_| (random() - 0.3) as f32).collect();
+        let mut expected = vec![0.0_f32; length];
+        for (i, sum) in expected.iter_mut().enumerate() {
+            for (&start, &weight) in starts.iter().zip(&weights) {
+                *sum += weight * pixels[start + i];
+            }
+        }
+        for kernels in Level::available().map(Kernels::new) {
+            // Guard cells on either side keep what they hold.
+            let mut guarded = vec![7.5_f32; length + 40];
+            let out = &mut guarded[20..20 + length];
+            kernels.weighted(&mut WeightedRow { pixels: &pixels, starts: &starts, weights: &weights, out });
+            assert_eq!(guarded[20..20 + length], expected, "{}, {length} pixels", kernels.level().name());
+            assert!(guarded[..20].iter().chain(&guarded[20 + length..]).all(|&cell| cell == 7.5));
+        }
     }
 }
 

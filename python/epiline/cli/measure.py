@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -112,7 +112,7 @@ class _Reader:
 
     def read(self, frame: Frame) -> _Reading | None:
         """The region of a pair; None where too little of it has an answer."""
-        given = {"regions": [self.region], "geometry": self._geometry}
+        given: dict[str, Any] = {"regions": [self.region], "geometry": self._geometry}
         if self._rectifier is None:
             disparity = self._matcher(frame.left, frame.right, **given)
         else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
+from typing import Any
 
 from epiline._core import (
     RectifiedGeometry,
@@ -41,12 +42,13 @@ def run(args: argparse.Namespace) -> None:
     left, right = read_image(args.left), read_image(args.right)
     rig = load_rig(args.rig) if args.rig else None
     geometry: RectifiedGeometry | None
+    valid: dict[str, Any] = {}
     if isinstance(rig, StereoCalibration):
         pair = Rectifier(rig)(left, right)
         left, right, geometry = pair.left, pair.right, pair.geometry
         valid = {"left_valid": pair.left_valid, "right_valid": pair.right_valid}
     else:
-        geometry, valid = rig, {}
+        geometry = rig
     regions = _regions(args.regions, (left.shape[1], left.shape[0]), geometry)
     # Nothing else of the image is matched.
     disparity = matcher_from(args, left.shape[1])(left, right, regions=regions, geometry=geometry, **valid)

@@ -12,6 +12,7 @@ pub mod sad;
 pub mod select;
 pub mod semi_global;
 pub mod texture;
+pub mod weighted;
 pub mod windowed;
 pub mod xsobel;
 
@@ -28,6 +29,7 @@ use select::SelectRow;
 use semi_global::features::{CensusRow, ExtremesRow};
 use semi_global::{CostRow, ExcessRow, HorizontalRows, SumRow, VerticalRow, WindowRow};
 use texture::TextureRow;
+use weighted::WeightedRow;
 use windowed::{BestRow, BestWindowsRow, BoxRow, PixelCostRow};
 use xsobel::XSobelRow;
 
@@ -87,6 +89,7 @@ pub struct Kernels {
     refine: kernel!(RefineRow),
     xsobel: kernel!(XSobelRow),
     texture: kernel!(TextureRow),
+    weighted: kernel!(WeightedRow),
     breaks: kernel!(BreaksRow),
     extremes: kernel!(ExtremesRow),
     census: kernel!(CensusRow),
@@ -129,6 +132,7 @@ impl Kernels {
             refine: coarse::refine_row,
             xsobel: xsobel::xsobel_row,
             texture: texture::texture_row,
+            weighted: weighted::weighted_row,
             breaks: islands::breaks_row,
             extremes: semi_global::features::extremes,
             census: semi_global::features::census,
@@ -168,6 +172,7 @@ impl Kernels {
                     refine: coarse::row::avx512,
                     xsobel: xsobel::row::avx512,
                     texture: texture::row::avx512,
+                    weighted: weighted::row::avx512,
                     breaks: islands::row::avx512,
                     extremes: semi_global::features::extremes_row::avx512,
                     census: semi_global::features::census_row::avx512,
@@ -207,6 +212,7 @@ impl Kernels {
                     refine: coarse::row::avx2,
                     xsobel: xsobel::row::avx2,
                     texture: texture::row::avx2,
+                    weighted: weighted::row::avx2,
                     breaks: islands::row::avx2,
                     extremes: semi_global::features::extremes_row::avx2,
                     census: semi_global::features::census_row::avx2,
@@ -287,6 +293,16 @@ impl Kernels {
         row.check();
         // SAFETY: the table's level proves the instructions.
         unsafe { (self.texture)(row) }
+    }
+
+    /// Weighted sums of stretches of pixels.
+    ///
+    /// # Panics
+    /// As above.
+    pub fn weighted(&self, row: &mut WeightedRow<'_>) {
+        row.check();
+        // SAFETY: as above.
+        unsafe { (self.weighted)(row) }
     }
 
     /// Where stretches of linked disparities end in a row.

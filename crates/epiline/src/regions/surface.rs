@@ -31,8 +31,9 @@ pub struct NearestSurface {
     pub depth_m: f64,
     /// Euclidean range, metres.
     pub range_m: f64,
-    /// Standard deviation of `range_m`, metres: that of a single pixel there. No credit is taken for the many
-    /// pixels averaged, for they share their matching windows and the calibration.
+    /// Standard deviation of `range_m`, metres: of the surface's disparity there and of the calibration. Of a disparity's
+    /// variance a good half stays however many pixels are averaged, for what they share (window, texture, light); the
+    /// rest falls with their number.
     pub sigma_m: f64,
     /// Where it is, column and row of the image.
     pub at: (usize, usize),
@@ -48,6 +49,10 @@ const SURFACE_SUPPORT: usize = 10;
 const WINDOW_ERROR_PX: f64 = 0.5;
 /// How much disparity the near end of a surface spans, px.
 const NEAR_END_PX: f64 = 2.0;
+/// Share of a disparity's variance that a surface keeps, and how many pixels have as much again between them. Of 304
+/// regions in metres on ten rendered rooms, 83 % lay within the sigma of a single pixel.
+const KEPT_VARIANCE: f64 = 0.6;
+const PIXELS_OF_ONE_VARIANCE: f64 = 60.0;
 const MAX_FITS: usize = 16;
 /// Surfaces fitted: among those equally near within [`WINDOW_ERROR_PX`] only the fit can tell.
 const MAX_SURFACES: usize = 4;
@@ -290,7 +295,9 @@ fn describe(scene: &Scene<'_>, point: Point, support: usize) -> NearestSurface {
     let (depth_m, range_m, sigma_m) = scene.geometry.map_or((f64::NAN, f64::NAN, f64::NAN), |geometry| {
         let depth_m = geometry.depth_m(point.disparity_px);
         let ray = geometry.range_per_depth(point.x as f64, point.y as f64);
-        let sigma_m = ray * depth_sigma_m(geometry, depth_m, scene.params.disparity_sigma_px);
+        let share_of_variance = KEPT_VARIANCE + PIXELS_OF_ONE_VARIANCE / support as f64;
+        let disparity_sigma_px = share_of_variance.sqrt() * scene.params.disparity_sigma_px;
+        let sigma_m = ray * depth_sigma_m(geometry, depth_m, disparity_sigma_px);
         (depth_m, depth_m * ray, sigma_m)
     });
     let disparity_px = point.disparity_px;

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
-use super::transpose;
 use crate::image::{Image, ImageRef};
 
 /// `h(k) = exp(-k² / 2σ²)`.
@@ -73,5 +72,21 @@ impl LineFilter {
             *sample *= h;
         }
         self.inverse.process_with_scratch(&mut self.spectrum, line, &mut self.scratch).expect(PLANNED);
+    }
+}
+
+/// `dst[(y, x)] = src[(x, y)]`, in tiles that stay in the cache.
+fn transpose(src: &Image<f32>, dst: &mut Image<f32>) {
+    const TILE: usize = 16;
+    let (width, height) = (src.width(), src.height());
+    for top in (0..height).step_by(TILE) {
+        for left in (0..width).step_by(TILE) {
+            for x in left..(left + TILE).min(width) {
+                let column = &mut dst.row_mut(x)[top..(top + TILE).min(height)];
+                for (value, y) in column.iter_mut().zip(top..) {
+                    *value = src.row(y)[x];
+                }
+            }
+        }
     }
 }

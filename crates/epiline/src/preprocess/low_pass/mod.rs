@@ -106,19 +106,3 @@ fn check(width: usize, height: usize, sigma: f64) -> Result<()> {
     }
     Err(Error::invalid("sigma", format!("{sigma} frequency samples"), "must be positive and finite"))
 }
-
-/// `dst[(y, x)] = src[(x, y)]`, in tiles that stay in the cache.
-fn transpose(src: &Image<f32>, dst: &mut Image<f32>) {
-    const TILE: usize = 16;
-    let (width, height) = (src.width(), src.height());
-    for top in (0..height).step_by(TILE) {
-        for left in (0..width).step_by(TILE) {
-            for x in left..(left + TILE).min(width) {
-                let column = &mut dst.row_mut(x)[top..(top + TILE).min(height)];
-                for (value, y) in column.iter_mut().zip(top..) {
-                    *value = src.row(y)[x];
-                }
-            }
-        }
-    }
-}

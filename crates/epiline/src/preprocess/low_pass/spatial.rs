@@ -4,41 +4,48 @@
 //! of `h`: about a Gaussian of standard deviation `s = n / 2πσ` pixels. What is blurred that much needs few samples:
 //!
 //! ```text
-//! down    every m-th sample of the line convolved with a Gaussian g of standard deviation 0.85·m
+//! down    every m-th sample of the line convolved with a Gaussian g of standard deviation 0.82·m
 //! middle  convolved with what the other two leave to do: H(k) / G(k)², inverse transform
 //! up      zeros between the samples, convolved with m·g
 //! ```
 //!
 //! `m` divides `n`, so that the coarse line goes around too. `g` holds back the frequencies that `down` would fold onto
-//! others and the images of them that `up` makes: both by a factor of 1e-5 where `s >= 2.2·m`. The cost hardly depends on
-//! σ then.
+//! others and the images of them that `up` makes: both by a factor of 2e-5 where `s >= 1.9·m`. The cost hardly depends on
+//! σ then. With `m = 1` there is only the middle.
+//!
+//! Columns come first and last: `down` leaves fewer rows for everything in between.
+
+use std::f64::consts::TAU;
 
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
 
 use super::frequency::response;
-use super::transpose;
 use crate::image::{Image, ImageRef};
+use crate::kernels::weighted::WeightedRow;
+use crate::kernels::{Kernels, Level};
 
 /// Standard deviation of the Gaussian before leaving out samples, in steps between those that stay.
-const GUARD: f64 = 0.85;
+const GUARD: f64 = 0.82;
 /// Standard deviation of the whole filter that it takes to leave out samples, likewise.
-const ENOUGH_BLUR: f64 = 2.2;
-/// Standard deviations after which that Gaussian ends; 7e-6 of it are beyond.
-const REACH: f64 = 4.5;
+const ENOUGH_BLUR: f64 = 1.9;
+/// Standard deviations after which that Gaussian ends; 2e-5 of it are beyond.
+const REACH: f64 = 4.3;
 /// What a convolution may leave out, as a share of the largest pixel.
 const NEGLIGIBLE: f64 = 1e-5;
+/// Products for a pixel that taking samples apart and together again costs as much as.
+const OF_CHANGE: f64 = 12.0;
 /// Beyond so many products for a pixel and axis the Fourier transform is not much slower.
-const MAX_PRODUCTS: usize = 64;
+const MAX_PRODUCTS: f64 = 96.0;
 
-/// Both axes, the columns' first and last: sums over rows of pixels need no transposition.
+/// Both axes.
 pub(super) struct SpatialFilter {
-    columns: Axis,
-    rows: Axis,
-    /// Image of fewer rows, and the same transposed with fewer columns, before and after each stage.
-    upright: [Image<f32>; 2],
-    lying: [Image<f32>; 2],
-    coarse: [Image<f32>; 2],
+    kernels: Kernels,
+    columns: ColumnFilter,
+    rows: RowFilter,
+    /// An image of few rows, filtered along its columns, and then along its rows.
+    upright: Image<f32>,
+    filtered: Image<f32>,
 }
 
 impl SpatialFilter {
@@ -47,82 +54,98 @@ impl SpatialFilter {
         let (rows, columns) = (Axis::new(width, sigma)?, Axis::new(height, sigma)?);
         let few = height / columns.step;
         Some(Self {
-            upright: [(); 2].map(|()| Image::new(width, few)),
-            lying: [(); 2].map(|()| Image::new(few, width)),
-            coarse: [(); 2].map(|()| Image::new(few, width / rows.step)),
-            columns,
-            rows,
+            kernels: Kernels::new(Level::current()),
+            upright: Image::new(width, few),
+            filtered: Image::new(width, few),
+            columns: ColumnFilter::new(columns),
+            rows: RowFilter::new(width, &rows),
         })
     }
 
     /// Both images have the filter's size.
     pub fn apply(&mut self, src: ImageRef<'_, f32>, dst: &mut Image<f32>) {
-        let [upright, filtered] = &mut self.upright;
-        match &self.columns.change {
-            Some(change) => {
-                change.down.apply(src, upright);
-                self.columns.middle.apply(upright.view(), filtered);
+        let Self { kernels, columns, rows, upright, filtered } = self;
+        match &mut columns.change {
+            None => {
+                columns.middle.apply(kernels, src, filtered);
+                for y in 0..filtered.height() {
+                    rows.apply(kernels, filtered.row(y), dst.row_mut(y));
+                }
             }
-            None => self.columns.middle.apply(src, filtered),
-        }
-
-        let [lying, other] = &mut self.lying;
-        transpose(filtered, lying);
-        match &self.rows.change {
-            Some(change) => {
-                let [coarse, filtered] = &mut self.coarse;
-                change.down.apply(lying.view(), coarse);
-                self.rows.middle.apply(coarse.view(), filtered);
-                change.up.apply(filtered.view(), other);
+            Some([down, up]) => {
+                down.apply(kernels, src, upright);
+                columns.middle.apply(kernels, upright.view(), filtered);
+                for y in 0..filtered.height() {
+                    rows.apply(kernels, filtered.row(y), upright.row_mut(y));
+                }
+                up.apply(kernels, upright.view(), dst);
             }
-            None => self.rows.middle.apply(lying.view(), other),
-        }
-        match &self.columns.change {
-            Some(change) => {
-                transpose(other, upright);
-                change.up.apply(upright.view(), dst);
-            }
-            None => transpose(other, dst),
         }
     }
 }
 
-/// The filter along one axis.
+/// The weights of an axis.
 struct Axis {
     /// One sample of so many stays.
     step: usize,
-    middle: Weights,
-    /// To and from the coarse line, unless all samples stay.
-    change: Option<Change>,
-}
-
-struct Change {
-    down: Weights,
-    up: Weights,
+    /// Of the middle, and of the Gaussian around it unless all samples stay; of an odd number, the middle one is the
+    /// sample's own, of an even number the next.
+    middle: Vec<f32>,
+    guard: Option<Vec<f32>>,
 }
 
 impl Axis {
+    /// The cheapest way; `None` if that is dear.
     fn new(len: usize, sigma: f64) -> Option<Self> {
-        let blur_px = len as f64 / (std::f64::consts::TAU * sigma);
+        let blur_px = len as f64 / (TAU * sigma);
         let limit = (blur_px / ENOUGH_BLUR).min(len as f64) as usize;
-        let step = (1..=limit).rev().find(|step| len.is_multiple_of(*step)).unwrap_or(1);
+        let steps = (1..=limit.max(1)).filter(|step| len.is_multiple_of(*step));
+        // The fewest samples that do, or all of them: what lies between is never much cheaper than both.
+        let most = steps.max().expect("1 divides everything");
+        [1, most]
+            .map(|step| Self::with_step(len, sigma, step))
+            .into_iter()
+            .map(|axis| (axis.products(), axis))
+            .min_by(|one, other| one.0.total_cmp(&other.0))
+            .filter(|(products, _)| *products <= MAX_PRODUCTS)
+            .map(|(_, axis)| axis)
+    }
+
+    fn with_step(len: usize, sigma: f64, step: usize) -> Self {
         let few = len / step;
-        let guard = if step > 1 { gaussian(GUARD * step as f64) } else { vec![1.0] };
-        let wanted = |k: usize| {
-            let held_back = cosine_sum(&guard, std::f64::consts::TAU * k as f64 / len as f64);
+        let guard = (step > 1).then(|| gaussian(GUARD * step as f64));
+        let left_to_do = |k: usize| {
+            let held_back =
+                guard.as_ref().map_or(1.0, |guard| cosine_sum(guard, TAU * k as f64 / len as f64));
             response(k, sigma) / (held_back * held_back)
         };
-        let middle = shortened(inverse_transform(&(0..=few / 2).map(wanted).collect::<Vec<_>>(), few));
-        let middle = Weights { first: -(middle.len() as isize / 2), step: (1, 1), phases: vec![middle] };
-        let change =
-            (step > 1).then(|| Change { down: Weights::down(&guard, step), up: Weights::up(&guard, step) });
-        let products = |weights: &Weights| weights.phases[0].len();
-        let cost = products(&middle).div_ceil(step)
-            + change
-                .as_ref()
-                .map_or(0, |change| products(&change.down).div_ceil(step) + products(&change.up));
-        (cost <= MAX_PRODUCTS).then_some(Self { step, middle, change })
+        let middle = shortened(&inverse_transform(&(0..=few / 2).map(left_to_do).collect::<Vec<_>>(), few));
+        Self { step, middle, guard }
     }
+
+    /// Products for a pixel, about.
+    fn products(&self) -> f64 {
+        let of_guard = self.guard.as_ref().map_or(0, Vec::len) as f64;
+        let change = if self.guard.is_some() { OF_CHANGE + 2.0 * of_guard / self.step as f64 } else { 0.0 };
+        change + self.middle.len() as f64 / self.step as f64
+    }
+
+    /// For each place between two coarse samples, the weights of the coarse samples from `reach_up` before to as many after.
+    fn up_phases(&self, guard: &[f32]) -> Vec<Vec<f32>> {
+        // Coarse sample j stands at j·step and counts for place `phase` with the Gaussian's weight at their distance.
+        let (reach, step) = (guard.len() as isize / 2, self.step as isize);
+        let farthest = reach_up(guard, self.step) as isize;
+        let weight = |phase: isize, j: isize| {
+            let at = usize::try_from(reach + phase - j * step).ok();
+            at.and_then(|at| guard.get(at)).map_or(0.0, |weight| weight * step as f32)
+        };
+        (0..step).map(|phase| (-farthest..=farthest).map(|j| weight(phase, j)).collect()).collect()
+    }
+}
+
+/// Coarse samples on either side that a Gaussian reaches.
+fn reach_up(guard: &[f32], step: usize) -> usize {
+    guard.len() / 2 / step + 1
 }
 
 /// A Gaussian of this standard deviation that sums to 1: weights of the samples on either side of the middle one.
@@ -155,84 +178,183 @@ fn inverse_transform(spectrum: &[f64], len: usize) -> Vec<f64> {
 }
 
 /// The weights around the middle one that matter, from the leftmost to the rightmost.
-fn shortened(around: Vec<f64>) -> Vec<f32> {
+fn shortened(around: &[f64]) -> Vec<f32> {
     let len = around.len();
-    // Each of two sides; of an even number the farthest weight stands on one.
-    let mut reach = (len - 1) / 2;
+    let from_middle =
+        |before: usize, count: usize| (0..count).map(move |i| around[(i + len - before) % len] as f32);
+    // Of an even number the farthest weight stands on one side only.
     let mut left_out = if len.is_multiple_of(2) { around[len / 2].abs() } else { 0.0 };
     if left_out > NEGLIGIBLE {
-        return (0..len).map(|i| around[(i + len - len / 2) % len] as f32).collect();
+        return from_middle(len / 2, len).collect();
     }
+    let mut reach = (len - 1) / 2;
     while reach > 0 && left_out + 2.0 * around[reach].abs() <= NEGLIGIBLE {
         left_out += 2.0 * around[reach].abs();
         reach -= 1;
     }
-    (0..=2 * reach).map(|i| around[(i + len - reach) % len] as f32).collect()
+    from_middle(reach, 2 * reach + 1).collect()
+}
+
+/// The filter along columns: sums over rows of pixels.
+struct ColumnFilter {
+    middle: RowSums,
+    change: Option<[RowSums; 2]>,
+}
+
+impl ColumnFilter {
+    fn new(axis: Axis) -> Self {
+        let change = axis.guard.as_ref().map(|guard| {
+            let farthest = reach_up(guard, axis.step) as isize;
+            [
+                RowSums::new(-(guard.len() as isize / 2), (axis.step, 1), vec![guard.clone()]),
+                RowSums::new(-farthest, (1, axis.step), axis.up_phases(guard)),
+            ]
+        });
+        let first = -(axis.middle.len() as isize / 2);
+        Self { middle: RowSums::new(first, (1, 1), vec![axis.middle]), change }
+    }
 }
 
 /// Every row of an image as a weighted sum of consecutive rows of another, around its ends.
 ///
 /// Row `i` begins `step.0·(i / step.1)` rows after `first` and has the weights `phases[i % step.1]`.
-struct Weights {
+struct RowSums {
     first: isize,
     step: (usize, usize),
     phases: Vec<Vec<f32>>,
+    starts: Vec<usize>,
 }
 
-impl Weights {
-    /// Every `step`-th sum with these weights.
-    fn down(weights: &[f32], step: usize) -> Self {
-        Self { first: -(weights.len() as isize / 2), step: (step, 1), phases: vec![weights.to_vec()] }
+impl RowSums {
+    fn new(first: isize, step: (usize, usize), phases: Vec<Vec<f32>>) -> Self {
+        let starts = vec![0; phases[0].len()];
+        Self { first, step, phases, starts }
     }
 
-    /// Sums with these weights times `step` over samples with `step - 1` zeros between them.
-    fn up(weights: &[f32], step: usize) -> Self {
-        // Sample j of the coarse line stands at j·step; row i·step + phase sees it with weight reach + phase - j·step.
-        let reach = weights.len() as isize / 2;
-        let farthest = reach / step as isize + 1;
-        let phases = (0..step as isize)
-            .map(|phase| {
-                (-farthest..=farthest)
-                    .map(|j| usize::try_from(reach + phase - j * step as isize).ok())
-                    .map(|at| at.and_then(|at| weights.get(at)).map_or(0.0, |weight| weight * step as f32))
-                    .collect()
-            })
-            .collect();
-        Self { first: -farthest, step: (1, step), phases }
-    }
-
-    fn apply(&self, src: ImageRef<'_, f32>, dst: &mut Image<f32>) {
-        /// Pixels summed at a time: few enough to stay in registers.
-        const LANES: usize = 32;
-        let height = src.height() as isize;
-        let width = dst.width();
+    fn apply(&mut self, kernels: &Kernels, src: ImageRef<'_, f32>, dst: &mut Image<f32>) {
+        let (pixels, stride) = (src.elements_from(0, 0), src.stride());
+        let height = src.height();
         for i in 0..dst.height() {
-            let weights = &self.phases[i % self.step.1];
-            let begin = (self.first + (self.step.0 * (i / self.step.1)) as isize).rem_euclid(height) as usize;
-            let out = dst.row_mut(i);
-            let (blocks, rest) = out.as_chunks_mut::<LANES>();
-            let whole = blocks.len() * LANES;
-            for (block, x) in blocks.iter_mut().zip((0..whole).step_by(LANES)) {
-                let mut sums = [0.0_f32; LANES];
-                let mut y = begin;
-                for &weight in weights {
-                    let pixels: &[f32; LANES] =
-                        src.row(y)[x..x + LANES].try_into().expect("as many as there are sums");
-                    for (sum, pixel) in sums.iter_mut().zip(pixels) {
-                        *sum += weight * pixel;
-                    }
-                    y = if y + 1 == height as usize { 0 } else { y + 1 };
-                }
-                *block = sums;
+            let begin = self.first + (self.step.0 * (i / self.step.1)) as isize;
+            let mut y = begin.rem_euclid(height as isize) as usize;
+            for start in &mut self.starts {
+                *start = stride * y;
+                y = if y + 1 == height { 0 } else { y + 1 };
             }
-            rest.fill(0.0);
-            let mut y = begin;
-            for &weight in weights {
-                for (sum, pixel) in rest.iter_mut().zip(&src.row(y)[whole..width]) {
-                    *sum += weight * pixel;
-                }
-                y = if y + 1 == height as usize { 0 } else { y + 1 };
+            let weights = &self.phases[i % self.step.1];
+            kernels.weighted(&mut WeightedRow { pixels, starts: &self.starts, weights, out: dst.row_mut(i) });
+        }
+    }
+}
+
+/// Stretches of a line and their weights.
+struct Stretches {
+    starts: Vec<usize>,
+    weights: Vec<f32>,
+}
+
+impl Stretches {
+    /// Every sum begins one sample after the one before.
+    fn consecutive(weights: Vec<f32>) -> Self {
+        Self { starts: (0..weights.len()).collect(), weights }
+    }
+
+    fn sum(&self, kernels: &Kernels, pixels: &[f32], out: &mut [f32]) {
+        kernels.weighted(&mut WeightedRow { pixels, starts: &self.starts, weights: &self.weights, out });
+    }
+}
+
+/// The filter along one row.
+struct RowFilter {
+    middle: Stretches,
+    /// The line with what lies around its ends, as the middle reads it.
+    line: Vec<f32>,
+    change: Option<RowChange>,
+}
+
+/// To and from the coarse line. Samples that are `step` apart stand together, so that a register holds neighbours.
+struct RowChange {
+    step: usize,
+    /// Samples of the line before its first that `down` reads; coarse samples before the first that `up` reads.
+    before: [usize; 2],
+    /// The line, taken apart.
+    apart: Vec<f32>,
+    down: Stretches,
+    coarse: Vec<f32>,
+    around: Vec<f32>,
+    up: Vec<Stretches>,
+    /// The filtered line, taken apart.
+    places: Vec<f32>,
+}
+
+impl RowFilter {
+    fn new(len: usize, axis: &Axis) -> Self {
+        let few = len / axis.step;
+        let change = axis.guard.as_ref().map(|guard| {
+            let stretch = few + guard.len().div_ceil(axis.step);
+            let farthest = reach_up(guard, axis.step);
+            let starts = (0..guard.len()).map(|tap| tap % axis.step * stretch + tap / axis.step).collect();
+            RowChange {
+                step: axis.step,
+                before: [guard.len() / 2, farthest],
+                apart: vec![0.0; stretch * axis.step],
+                down: Stretches { starts, weights: guard.clone() },
+                coarse: vec![0.0; few],
+                around: vec![0.0; few + 2 * farthest],
+                up: axis.up_phases(guard).into_iter().map(Stretches::consecutive).collect(),
+                places: vec![0.0; few],
+            }
+        });
+        let line = vec![0.0; few + axis.middle.len() - 1];
+        Self { middle: Stretches::consecutive(axis.middle.clone()), line, change }
+    }
+
+    fn apply(&mut self, kernels: &Kernels, row: &[f32], out: &mut [f32]) {
+        let before_middle = self.middle.weights.len() / 2;
+        let Some(change) = &mut self.change else {
+            go_around(row, before_middle, &mut self.line);
+            self.middle.sum(kernels, &self.line, out);
+            return;
+        };
+        let RowChange { step, before, apart, down, coarse, around, up, places } = change;
+        let stretch = apart.len() / *step;
+        for (place, together) in apart.chunks_exact_mut(stretch).enumerate() {
+            take_every(row, *step, place as isize - before[0] as isize, together);
+        }
+        down.sum(kernels, apart, coarse);
+        go_around(coarse, before_middle, &mut self.line);
+        self.middle.sum(kernels, &self.line, coarse);
+        go_around(coarse, before[1], around);
+        for (place, weights) in up.iter().enumerate() {
+            weights.sum(kernels, around, places);
+            for (value, &filtered) in out[place..].iter_mut().step_by(*step).zip(&*places) {
+                *value = filtered;
             }
         }
+    }
+}
+
+/// Continues a line around its ends: `out` begins `before` samples before it.
+fn go_around(line: &[f32], before: usize, out: &mut [f32]) {
+    let mut from = (line.len() - before % line.len()) % line.len();
+    let mut rest = out;
+    while !rest.is_empty() {
+        let count = rest.len().min(line.len() - from);
+        let (part, after) = rest.split_at_mut(count);
+        part.copy_from_slice(&line[from..from + count]);
+        (rest, from) = (after, 0);
+    }
+}
+
+/// Every `step`-th sample of a line that goes around, from `first` on. `step` divides the line.
+fn take_every(line: &[f32], step: usize, first: isize, out: &mut [f32]) {
+    let mut from = first.rem_euclid(line.len() as isize) as usize;
+    let mut filled = 0;
+    while filled < out.len() {
+        for (value, &sample) in out[filled..].iter_mut().zip(line[from..].iter().step_by(step)) {
+            *value = sample;
+        }
+        filled += (line.len() - from).div_ceil(step);
+        from %= step;
     }
 }
