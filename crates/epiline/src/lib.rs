@@ -44,5 +44,6 @@ pub mod preprocess;
 pub mod range;
 pub mod rectification;
 pub mod regions;
+pub mod tracking;
 
 pub use error::{Error, Result};
