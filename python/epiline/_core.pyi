@@ -15,6 +15,7 @@ __all__ = [
     "AlignmentError",
     "CameraModel",
     "CameraOverGround",
+    "Detection",
     "DisparityMap",
     "Drift",
     "Error",
@@ -32,12 +33,17 @@ __all__ = [
     "Region",
     "RegionProfile",
     "Slab",
+    "RobotFromCamera",
+    "Scan",
     "StereoCalibration",
     "StereoMatcher",
+    "Track",
+    "Tracker",
     "ViewResidual",
     "__version__",
     "align_candidates",
     "alignment_error",
+    "assignment",
     "brown_from_tsai",
     "calibrate_points",
     "default_disparities",
@@ -50,6 +56,7 @@ __all__ = [
     "paper_regions",
     "profile",
     "realign",
+    "scan",
     "simd_level",
     "to_range",
     "tsai_calibrate",
@@ -671,6 +678,149 @@ def find_obstacles(
     min_height_m: float = 0.1,
     disparity_sigma_px: float = 0.25,
 ) -> list[Obstacle]: ...
+
+# ---- tracking ----------------------------------------------------------------------------------
+
+@final
+class Detection:
+    def __new__(
+        cls,
+        range_m: float,
+        bearing_rad: float,
+        sigma_m: float,
+        *,
+        depth_m: float | None = None,
+        width_m: float = 0.0,
+        height_m: float = 0.0,
+        support: int = 1,
+        box: tuple[int, int, int, int] = (0, 0, 0, 0),
+    ) -> Detection: ...
+    @property
+    def range_m(self) -> float: ...
+    @property
+    def bearing_rad(self) -> float: ...
+    @property
+    def sigma_m(self) -> float: ...
+
+@final
+class Track:
+    @property
+    def id(self) -> int: ...
+    @property
+    def position_m(self) -> tuple[float, float]: ...
+    @property
+    def velocity_mps(self) -> tuple[float, float]: ...
+    @property
+    def covariance(self) -> NDArray[np.float64]: ...
+    @property
+    def range_m(self) -> float: ...
+    @property
+    def sigma_m(self) -> float: ...
+    @property
+    def bearing_rad(self) -> float: ...
+    @property
+    def age_s(self) -> float: ...
+    @property
+    def hits(self) -> int: ...
+    @property
+    def misses(self) -> int: ...
+    @property
+    def confirmed(self) -> bool: ...
+    @property
+    def obstacle(self) -> int | None: ...
+    @property
+    def box(self) -> tuple[int, int, int, int]: ...
+    @property
+    def width_m(self) -> float: ...
+    @property
+    def height_m(self) -> float: ...
+    @property
+    def surprise(self) -> float: ...
+
+@final
+class Tracker:
+    def __new__(
+        cls,
+        *,
+        velocity_walk_mps: float = 2.0,
+        initial_velocity_mps: float = 5.0,
+        bearing_sigma_rad: float = 0.005,
+        extent_share: float = 0.1,
+        gate_probability: float = 0.99,
+        confirm_hits: int = 3,
+        confirm_window: int = 5,
+        max_misses: int = 5,
+        max_gap_s: float = 1.0,
+    ) -> Tracker: ...
+    def update(
+        self,
+        obstacles: Sequence[Obstacle | Detection],
+        stamp_nanos: int,
+        *,
+        ego_motion: tuple[float, float, float] | None = None,
+    ) -> list[Track]: ...
+    @property
+    def continuity(self) -> Literal["started", "advanced", "repeated", "backward", "gap"] | None: ...
+    def reset(self) -> None: ...
+
+def assignment(costs: NDArray[np.float64], miss_cost: float) -> list[int | None]: ...
+
+# ---- scan --------------------------------------------------------------------------------------
+
+@final
+class RobotFromCamera:
+    def __new__(
+        cls,
+        height_m: float,
+        *,
+        x_m: float = 0.0,
+        y_m: float = 0.0,
+        roll_rad: float = 0.0,
+        pitch_rad: float = 0.0,
+        yaw_rad: float = 0.0,
+    ) -> RobotFromCamera: ...
+    @staticmethod
+    def from_matrix(robot_from_camera: ArrayLike) -> RobotFromCamera: ...
+    @property
+    def robot_from_camera(self) -> NDArray[np.float64]: ...
+
+@final
+class Scan:
+    @property
+    def angle_rad(self) -> NDArray[np.float32]: ...
+    @property
+    def seen(self) -> NDArray[np.uint8]: ...
+    @property
+    def nearest_m(self) -> NDArray[np.float32]: ...
+    @property
+    def sigma_m(self) -> NDArray[np.float32]: ...
+    @property
+    def free_from_m(self) -> NDArray[np.float32]: ...
+    @property
+    def free_to_m(self) -> NDArray[np.float32]: ...
+    @property
+    def origin_m(self) -> tuple[float, float]: ...
+    @property
+    def max_range_m(self) -> float: ...
+    @property
+    def blind_m(self) -> float: ...
+    def obstacle_points_m(self) -> NDArray[np.float32]: ...
+    def to_laser_scan(self, *, range_min_m: float = 0.0) -> dict[str, Any]: ...
+    def to_clearing_scan(self) -> dict[str, Any]: ...
+    def __len__(self) -> int: ...
+
+def scan(
+    disparity: DisparityMap,
+    geometry: RectifiedGeometry,
+    *,
+    mounting: RobotFromCamera | None = None,
+    min_support: int = 8,
+    min_height_m: float = 0.1,
+    max_height_m: float = ...,
+    max_range_m: float = 10.0,
+    gap_guard_px: float = 4.0,
+    disparity_sigma_px: float = 0.25,
+) -> Scan: ...
 
 # ---- pipeline ----------------------------------------------------------------------------------
 

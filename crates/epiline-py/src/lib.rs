@@ -15,6 +15,8 @@ mod preprocess;
 mod range;
 mod rectification;
 mod regions;
+mod scan;
+mod tracking;
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -31,6 +33,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     regions::register(module)?;
     ground::register(module)?;
     obstacles::register(module)?;
+    tracking::register(module)?;
+    scan::register(module)?;
     pipeline::register(module)?;
     Ok(())
 }

@@ -44,6 +44,7 @@ pub mod preprocess;
 pub mod range;
 pub mod rectification;
 pub mod regions;
+pub mod scan;
 pub mod tracking;
 
 pub use error::{Error, Result};

@@ -137,18 +137,22 @@ mod tests {
         let mut solver = Assignment::default();
         for case in 0..400 {
             let (rows, columns) = (case % 6, case / 6 % 6);
-            let costs: Vec<Vec<f64>> = (0..rows)
-                .map(|_| {
-                    (0..columns)
-                        .map(|_| if uniform() < 0.3 { f64::INFINITY } else { (20.0 * uniform()).round() - 5.0 })
-                        .collect()
-                })
-                .collect();
+            let costs: Vec<Vec<f64>> =
+                (0..rows)
+                    .map(|_| {
+                        (0..columns)
+                            .map(|_| {
+                                if uniform() < 0.3 { f64::INFINITY } else { (20.0 * uniform()).round() - 5.0 }
+                            })
+                            .collect()
+                    })
+                    .collect();
             let solution = solver.solve(rows, columns, 6.0, |row, column| costs[row][column]).to_vec();
             let mut seen = solution.iter().filter(|&&c| c != UNASSIGNED).collect::<Vec<_>>();
             seen.sort_unstable();
             assert!(seen.windows(2).all(|pair| pair[0] != pair[1]), "case {case}: a column twice");
-            let of = |(row, &column): (usize, &usize)| if column == UNASSIGNED { 6.0 } else { costs[row][column] };
+            let of =
+                |(row, &column): (usize, &usize)| if column == UNASSIGNED { 6.0 } else { costs[row][column] };
             let found: f64 = solution.iter().enumerate().map(of).sum();
             let best = brute_force(&costs, 0, &mut Vec::new(), 6.0);
             assert!((found - best).abs() < 1e-9, "case {case}: {found} where {best} is possible");

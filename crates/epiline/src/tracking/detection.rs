@@ -29,18 +29,35 @@ pub struct Detection {
 
 impl From<&Obstacle> for Detection {
     fn from(obstacle: &Obstacle) -> Self {
-        let Obstacle {
-            range_m, depth_m, sigma_m, bearing_rad, width_m, height_m, support, bounds, ..
-        } = *obstacle;
+        let Obstacle { range_m, depth_m, sigma_m, bearing_rad, width_m, height_m, support, bounds, .. } =
+            *obstacle;
         Self { range_m, depth_m, sigma_m, bearing_rad, width_m, height_m, support, bounds }
     }
 }
 
 impl Detection {
-    pub(super) fn validate(&self) -> Result<()> {
+    /// Something of no size at the camera's height.
+    pub fn level(range_m: f64, bearing_rad: f64, sigma_m: f64) -> Self {
+        Self {
+            range_m,
+            depth_m: range_m * bearing_rad.cos(),
+            sigma_m,
+            bearing_rad,
+            width_m: 0.0,
+            height_m: 0.0,
+            support: 1,
+            bounds: PixelBox { x: 0, y: 0, width: 0, height: 0 },
+        }
+    }
+
+    /// Fails with the name and value of the first field outside its range.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::InvalidParameter`].
+    pub fn validate(&self) -> Result<()> {
         let positive = |value: f64| value > 0.0 && value.is_finite();
-        for (name, value) in
-            [("range_m", self.range_m), ("depth_m", self.depth_m), ("sigma_m", self.sigma_m)]
+        for (name, value) in [("range_m", self.range_m), ("depth_m", self.depth_m), ("sigma_m", self.sigma_m)]
         {
             if !positive(value) {
                 return Err(Error::invalid(name, format!("{value} m"), "must be positive and finite"));

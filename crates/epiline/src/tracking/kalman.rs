@@ -94,8 +94,7 @@ mod tests {
 
     #[test]
     fn two_steps_are_one_step_of_their_length() {
-        let mut once =
-            Filter::new(Vector2::new(1.0, 5.0), Matrix2::new(0.04, 0.01, 0.01, 0.09), 3.0);
+        let mut once = Filter::new(Vector2::new(1.0, 5.0), Matrix2::new(0.04, 0.01, 0.01, 0.09), 3.0);
         once.state[2] = -1.5;
         let mut twice = once;
         once.predict(0.3, 2.0);

@@ -202,7 +202,8 @@ impl Tracker {
         };
         let assigned = self.assignment.solve(rows, columns, gate + largest, cost);
         for (row, &column) in assigned.iter().enumerate().filter(|&(_, &column)| column != UNASSIGNED) {
-            let innovation = self.pairs[row * columns + column].expect("only pairs within the gate are assigned");
+            let innovation =
+                self.pairs[row * columns + column].expect("only pairs within the gate are assigned");
             let index = self.free[column];
             self.members[self.rows[row]].take(&self.detections[index], index, &innovation, &self.params);
         }
@@ -301,7 +302,7 @@ impl Member {
         track.surprise = innovation.squared_distance;
     }
 
-    /// Whether a detection is a part of this track's obstacle, which was seen in the same frame: within its width, and
+    /// Whether a detection is a part of this track's obstacle, which was seen in the same frame: it touches it, and is
     /// at its range as far as can be told.
     fn holds(&self, detection: &Detection, gate: f64, params: &TrackParams) -> bool {
         if self.track.obstacle.is_none() {
@@ -313,9 +314,10 @@ impl Member {
         let along_m = off_m.dot(&ray);
         let across_m = off_m.perp(&ray);
         let (sigma_m, _) = detection.sigmas_m(params);
-        let variance = sigma_m * sigma_m
-            + (ray.transpose() * self.filter.covariance.fixed_view::<2, 2>(0, 0) * ray).x;
-        across_m.abs() <= 0.5 * self.track.width_m && along_m * along_m <= gate * variance
+        let variance =
+            sigma_m * sigma_m + (ray.transpose() * self.filter.covariance.fixed_view::<2, 2>(0, 0) * ray).x;
+        let reach_m = 0.5 * (self.track.width_m + detection.width_m);
+        across_m.abs() <= reach_m && along_m * along_m <= gate * variance
     }
 
     /// Writes what the filter knows into the track.
