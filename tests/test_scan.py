@@ -78,7 +78,7 @@ class World:
 
     def scan(self, *, noise_px: float = 0.0, seed: int = 0, **parameters: float) -> ep.Scan:
         disparity = self.disparity(noise_px=noise_px, seed=seed)
-        return ep.scan(disparity, GEOMETRY, mounting=self.mounting, **parameters)
+        return ep.scan(disparity, GEOMETRY, mounting=self.mounting, **{"step_m": 0.1, **parameters})
 
     def standing_m(self, angles_rad: Floats, *, above_m: float = 0.1) -> Floats:
         """For directions from the camera's foot, the distance to the nearest box that is higher than that."""
@@ -134,7 +134,7 @@ def test_a_floor_seen_as_far_as_was_looked_has_nothing_in_range() -> None:
 
 
 def test_the_floor_is_free_no_farther_than_something_low_would_stand_out() -> None:
-    scan = World().scan(max_range_m=100, min_height_m=0.1)
+    scan = World().scan(max_range_m=100, step_m=0.1)
     assert (scan.seen == UNKNOWN).all()
     # 0.1 m on a floor 0.5 m below is a quarter of the floor's disparity, which must be 3 sigma.
     assert (scan.free_to_m <= 36 / 3.0 / np.cos(scan.angle_rad) * 1.001).all()
@@ -201,9 +201,9 @@ def test_a_ramp_is_free_until_it_is_as_high_as_what_matters() -> None:
 
 def test_what_the_robot_passes_under_does_not_stand_in_the_way() -> None:
     shelf = Box(x=(2.0, 2.6), y=(-3, 3), z=(0.75, 0.95))
-    low = World((shelf,)).scan(max_range_m=3, max_height_m=0.6)
+    low = World((shelf,)).scan(max_range_m=3, headroom_m=0.6)
     assert (low.seen != OBSTACLE).all()
-    tall = World((shelf,)).scan(max_range_m=3, max_height_m=1.2)
+    tall = World((shelf,)).scan(max_range_m=3, headroom_m=1.2)
     assert (tall.seen == OBSTACLE).mean() > 0.95
     np.testing.assert_allclose(np.nanmin(tall.nearest_m), 2.0, rtol=0.02)
 
@@ -265,7 +265,7 @@ def test_without_a_ground_the_gap_in_a_column_says_how_far_it_is_free() -> None:
     validity = np.zeros((100, 64), np.uint8)
     validity[20:40, 10:20] = LOW_TEXTURE
     validity[:, 40:50] = LOW_TEXTURE
-    scan = ep.scan(ep.DisparityMap(raw, validity), flat, min_height_m=0.2)
+    scan = ep.scan(ep.DisparityMap(raw, validity), flat, step_m=0.2)
     nearest, free = scan.nearest_m[::-1], scan.free_to_m[::-1]
     per_depth = np.hypot(1, (np.arange(64) - 31.5) / 100)
     whole = np.r_[0:10, 20:40, 50:64]
@@ -309,10 +309,10 @@ def test_mountings_are_poses() -> None:
     ("parameters", "message"),
     [
         ({"min_support": 0}, "min_support = 0 px"),
-        ({"min_height_m": 0.0}, "min_height_m = 0 m"),
-        ({"min_height_m": 0.6}, "min_height_m = 0.6 m: must be below the camera's height"),
-        ({"max_height_m": 0.05}, "max_height_m = 0.05 m"),
-        ({"max_height_m": float("nan")}, "max_height_m = NaN m"),
+        ({"step_m": 0.0}, "step_m = 0 m"),
+        ({"step_m": 0.6}, "step_m = 0.6 m: must be below the camera's height"),
+        ({"headroom_m": 0.05}, "headroom_m = 0.05 m"),
+        ({"headroom_m": float("nan")}, "headroom_m = NaN m"),
         ({"max_range_m": float("inf")}, "max_range_m = inf m"),
         ({"gap_guard_px": -1.0}, "gap_guard_px = -1 px"),
         ({"disparity_sigma_px": float("nan")}, "disparity_sigma_px = NaN px"),

@@ -35,6 +35,7 @@ __all__ = [
     "Slab",
     "RobotFromCamera",
     "Scan",
+    "Scanner",
     "StereoCalibration",
     "StereoMatcher",
     "Track",
@@ -809,14 +810,36 @@ class Scan:
     def to_clearing_scan(self) -> dict[str, Any]: ...
     def __len__(self) -> int: ...
 
+@final
+class Scanner:
+    def __new__(
+        cls,
+        *,
+        min_support: int = 8,
+        step_m: float = 0.05,
+        headroom_m: float = 2.0,
+        max_range_m: float = 10.0,
+        gap_guard_px: float = 4.0,
+        disparity_sigma_px: float = 0.25,
+    ) -> Scanner: ...
+    def __call__(
+        self,
+        disparity: DisparityMap,
+        geometry: RectifiedGeometry,
+        *,
+        ground: GroundPlane | None = None,
+        mounting: RobotFromCamera | None = None,
+    ) -> Scan: ...
+
 def scan(
     disparity: DisparityMap,
     geometry: RectifiedGeometry,
     *,
+    ground: GroundPlane | None = None,
     mounting: RobotFromCamera | None = None,
     min_support: int = 8,
-    min_height_m: float = 0.1,
-    max_height_m: float = ...,
+    step_m: float = 0.05,
+    headroom_m: float = 2.0,
     max_range_m: float = 10.0,
     gap_guard_px: float = 4.0,
     disparity_sigma_px: float = 0.25,

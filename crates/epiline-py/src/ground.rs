@@ -121,7 +121,8 @@ impl PyGroundPlane {
     /// (N, 2) float64: depths, and how high the ground is over the plane there, metres; straight between them.
     #[getter]
     fn profile_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let knots: Vec<Vec<f64>> = self.0.profile.knots().map(|(depth_m, up_m)| vec![depth_m, up_m]).collect();
+        let knots: Vec<Vec<f64>> =
+            self.0.profile.knots().map(|(depth_m, up_m)| vec![depth_m, up_m]).collect();
         Ok(PyArray2::from_vec2(py, &knots)?)
     }
 

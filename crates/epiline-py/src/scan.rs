@@ -1,5 +1,7 @@
 //! Python face of `epiline::scan`.
 
+use std::sync::{Mutex, PoisonError};
+
 use epiline::scan::{LaserScan, RobotFromCamera, Scan, ScanParams, Scanner};
 use nalgebra::{Matrix3, Vector3};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
@@ -7,6 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::convert::{OrRaise, rows_of, whole};
+use crate::ground::PyGroundPlane;
 use crate::matching::PyDisparityMap;
 use crate::rectification::PyRectifiedGeometry;
 
@@ -14,6 +17,7 @@ use crate::rectification::PyRectifiedGeometry;
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyRobotFromCamera>()?;
     module.add_class::<PyScan>()?;
+    module.add_class::<PyScanner>()?;
     module.add_function(wrap_pyfunction!(py_scan, module)?)
 }
 
@@ -203,9 +207,110 @@ fn laser_dict(py: Python<'_>, scan: LaserScan) -> PyResult<Bound<'_, PyDict>> {
     Ok(dict)
 }
 
+/// Scans disparity maps: per direction over the floor the nearest obstacle, how far it is free, or unknown. Keeps its
+/// buffers from frame to frame.
+///
+/// Parameters
+/// ----------
+/// min_support : int
+///     Pixels that a direction must have within 1 px of disparity to see an obstacle.
+/// step_m : float
+///     What rises less over the floor can be driven over.
+/// headroom_m : float
+///     What hangs higher over the floor can be passed under; may be infinite.
+/// max_range_m : float
+///     How far to look.
+/// gap_guard_px : float
+///     Rows by which the matcher's window may shrink a gap in the floor.
+/// disparity_sigma_px : float
+///     Standard deviation of a disparity, px.
+///
+/// Raises
+/// ------
+/// ValueError
+///     A parameter out of range.
+#[pyclass(name = "Scanner", module = "epiline", frozen)]
+pub struct PyScanner {
+    params: ScanParams,
+    scanner: Mutex<Scanner>,
+}
+
+impl PyScanner {
+    /// The parameters in use.
+    pub fn params(&self) -> ScanParams {
+        self.params
+    }
+}
+
+#[pymethods]
+impl PyScanner {
+    #[new]
+    #[pyo3(signature = (
+        *, min_support = 8, step_m = 0.05, headroom_m = 2.0, max_range_m = 10.0, gap_guard_px = 4.0,
+        disparity_sigma_px = 0.25
+    ))]
+    fn new(
+        min_support: i64,
+        step_m: f64,
+        headroom_m: f64,
+        max_range_m: f64,
+        gap_guard_px: f64,
+        disparity_sigma_px: f64,
+    ) -> PyResult<Self> {
+        let min_support = whole("min_support", min_support)?;
+        let params =
+            ScanParams { min_support, step_m, headroom_m, max_range_m, gap_guard_px, disparity_sigma_px };
+        params.validate().or_raise()?;
+        Ok(Self { params, scanner: Mutex::default() })
+    }
+
+    /// Scans a disparity map.
+    ///
+    /// Parameters
+    /// ----------
+    /// disparity : DisparityMap
+    ///     Disparities of the left image.
+    /// geometry : RectifiedGeometry
+    ///     Of the aligned pair, of the map's size.
+    /// ground : GroundPlane, optional
+    ///     The floor; by default where `mounting` says.
+    /// mounting : RobotFromCamera, optional
+    ///     Where the camera is on the robot; by default the robot is the camera.
+    ///
+    /// Returns
+    /// -------
+    /// Scan
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     A geometry of another size, or a mounting lower than `step_m`.
+    /// epiline.Error
+    ///     A camera tilted so far that its columns do not rise from the floor.
+    #[pyo3(signature = (disparity, geometry, *, ground = None, mounting = None))]
+    fn __call__(
+        &self,
+        py: Python<'_>,
+        disparity: PyRef<'_, PyDisparityMap>,
+        geometry: PyRectifiedGeometry,
+        ground: Option<Bound<'_, PyGroundPlane>>,
+        mounting: Option<PyRobotFromCamera>,
+    ) -> PyResult<PyScan> {
+        let map = &disparity.inner;
+        let (ground, mounting) = (ground.map(|ground| ground.get().0), mounting.map(|mounting| mounting.0));
+        py.detach(|| {
+            let mut scan = Scan::default();
+            let mut scanner = self.scanner.lock().unwrap_or_else(PoisonError::into_inner);
+            scanner.scan(map, &geometry.0, ground.as_ref(), mounting.as_ref(), &self.params, &mut scan)?;
+            Ok(PyScan(scan))
+        })
+        .or_raise()
+    }
+}
+
 /// Scans a disparity map: per direction over the floor the nearest obstacle, how far it is free, or unknown.
 ///
-/// Free means that the floor was seen, without a gap in which something `min_height_m` high could stand. Unknown is
+/// Free means that the floor was seen, without a gap in which something `step_m` high could stand. Unknown is
 /// never free: a wall without texture, a hole in the map, what is out of view.
 ///
 /// Parameters
@@ -214,13 +319,18 @@ fn laser_dict(py: Python<'_>, scan: LaserScan) -> PyResult<Bound<'_, PyDict>> {
 ///     Disparities of the left image.
 /// geometry : RectifiedGeometry
 ///     Of the aligned pair, of the map's size.
+/// ground : GroundPlane, optional
+///     The floor; by default where `mounting` says.
 /// mounting : RobotFromCamera, optional
-///     Where the camera is on the robot; by default the robot is the camera. Without it heights are not known, and a
-///     direction is free up to its obstacle as far as what hides in the rows without an answer would have to be.
+///     Where the camera is on the robot; by default the robot is the camera. Without it and without a ground heights
+///     are not known, and a direction is free up to its obstacle as far as what hides in the rows without an answer
+///     would have to be.
 /// min_support : int
 ///     Pixels that a direction must have within 1 px of disparity to see an obstacle.
-/// min_height_m, max_height_m : float
-///     Heights over the floor between which things matter: what is lower is driven over, what is higher passed under.
+/// step_m : float
+///     What rises less over the floor can be driven over.
+/// headroom_m : float
+///     What hangs higher over the floor can be passed under; may be infinite.
 /// max_range_m : float
 ///     How far to look.
 /// gap_guard_px : float
@@ -242,7 +352,7 @@ fn laser_dict(py: Python<'_>, scan: LaserScan) -> PyResult<Bound<'_, PyDict>> {
 #[pyo3(
     name = "scan",
     signature = (
-        disparity, geometry, *, mounting = None, min_support = 8, min_height_m = 0.1, max_height_m = f64::INFINITY,
+        disparity, geometry, *, ground = None, mounting = None, min_support = 8, step_m = 0.05, headroom_m = 2.0,
         max_range_m = 10.0, gap_guard_px = 4.0, disparity_sigma_px = 0.25
     )
 )]
@@ -251,23 +361,15 @@ fn py_scan(
     py: Python<'_>,
     disparity: PyRef<'_, PyDisparityMap>,
     geometry: PyRectifiedGeometry,
+    ground: Option<Bound<'_, PyGroundPlane>>,
     mounting: Option<PyRobotFromCamera>,
     min_support: i64,
-    min_height_m: f64,
-    max_height_m: f64,
+    step_m: f64,
+    headroom_m: f64,
     max_range_m: f64,
     gap_guard_px: f64,
     disparity_sigma_px: f64,
 ) -> PyResult<PyScan> {
-    let min_support = whole("min_support", min_support)?;
-    let params =
-        ScanParams { min_support, min_height_m, max_height_m, max_range_m, gap_guard_px, disparity_sigma_px };
-    let map = &disparity.inner;
-    let mounting = mounting.map(|mounting| mounting.0);
-    py.detach(|| {
-        let mut scan = Scan::default();
-        Scanner::default().scan(map, &geometry.0, None, mounting.as_ref(), &params, &mut scan)?;
-        Ok(PyScan(scan))
-    })
-    .or_raise()
+    PyScanner::new(min_support, step_m, headroom_m, max_range_m, gap_guard_px, disparity_sigma_px)?
+        .__call__(py, disparity, geometry, ground, mounting)
 }

@@ -265,6 +265,11 @@ struct State {
 }
 
 impl PyTracker {
+    /// The parameters in use.
+    pub fn params(&self) -> TrackParams {
+        *self.lock().tracker.params()
+    }
+
     fn lock(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

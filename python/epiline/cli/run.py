@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +20,21 @@ from epiline._core import (
     default_disparities,
 )
 from epiline.cli.arguments import add_matcher_arguments, load_rig, matcher_from, positive, whole
-from epiline.cli.configuration import Configuration, read_configuration
+from epiline.cli.configuration import (
+    Configuration,
+    ground_prior,
+    read_configuration,
+    robot_from_camera,
+    scanner,
+    tracker,
+)
 from epiline.cli.console import print_table, progress, say
 
 if TYPE_CHECKING:
+    from epiline.sinks.video import PictureSink
     from epiline.sources import Frame
+
+_DEFAULT_FPS = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,14 +43,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--rig", type=Path, required=True, help="rig file, or calib.txt of an aligned sequence")
     parser.add_argument(
-        "--config", type=Path, metavar="TOML", help="matcher, pipeline and regions; options given here win"
+        "--config", type=Path, metavar="TOML", help="a table for each stage, and regions; options given here win"
     )
     parser.add_argument("--jsonl", metavar="FILE", help="write a JSON line per frame; - is standard output")
     parser.add_argument("--json", dest="jsonl", action="store_const", const="-", help="the same as --jsonl -")
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a page with maps, profiles and obstacles")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="write a picture per frame: tracks, and the scan")
+    parser.add_argument("--video", type=Path, metavar="FILE", help="the same pictures as a video: .mp4, .avi or .mkv")
+    parser.add_argument(
+        "--fps",
+        type=positive,
+        metavar="F",
+        help=f"frames per second, instead of the source's time stamps; without either {_DEFAULT_FPS:g}",
+    )
     parser.add_argument("--limit", type=whole(1), metavar="N", help="stop after N frames")
     parser.add_argument("--equalize", action="store_true", default=None, help="equalise histograms first (eq. 3)")
-    parser.add_argument("--max-range", type=positive, metavar="M", help="report obstacles up to this range")
+    parser.add_argument(
+        "--camera-height", type=positive, metavar="M", help="of the camera over the floor, if it is known"
+    )
+    parser.add_argument("--max-range", type=positive, metavar="M", help="look for obstacles, and scan, up to this range")
     add_matcher_arguments(parser)
 
 
@@ -55,14 +78,18 @@ def run(args: argparse.Namespace) -> None:
         pipeline = make_pipeline(args, config, rig, matcher)
         sink = _open_sink(args.jsonl, stack)
         recorder = _Recorder(args.report, length, rig, matcher) if args.report else None
+        pictures = _open_pictures(args, stack)
+        clock = _Clock(args.fps)
         rows: list[tuple[object, ...]] = []
         advance = stack.enter_context(progress("running", length))
         for count, frame in enumerate(source, start=1):
-            result = pipeline.process(frame.left, frame.right)
+            result = pipeline.process(frame.left, frame.right, stamp_nanos=clock.stamp_nanos(frame))
             if sink:
                 sink.write(frame, result)
             if recorder:
                 recorder.add(frame, result)
+            if pictures:
+                _draw(pictures, frame, result)
             if not to_stdout:
                 rows.append(_row(frame, result))
             advance()
@@ -70,11 +97,13 @@ def run(args: argparse.Namespace) -> None:
                 break
     if rows:
         bands = [region.name for region in pipeline.regions]
-        print_table("", ("frame", "dy px", "valid %", *(f"{b} m" for b in bands), "obstacles", "nearest", "ms"), rows)
+        heads = ("frame", "dy px", "valid %", *(f"{b} m" for b in bands), "obstacles", "tracks", "nearest", "ms")
+        print_table("", heads, rows)
     if recorder:
         recorder.write()
-        if not to_stdout:
-            say(f"wrote {args.report}")
+    if not to_stdout:
+        for written in filter(None, (args.report, args.pictures, args.video)):
+            say(f"wrote {written}")
 
 
 def make_matcher(args: argparse.Namespace, config: Configuration, width: int) -> StereoMatcher:
@@ -93,7 +122,20 @@ def make_pipeline(
         settings["equalize"] = args.equalize
     if args.max_range is not None:
         settings["max_range_m"] = args.max_range
-    return Pipeline(rig, matcher=matcher, regions=config.regions_for(rig), **settings)
+        config = replace(config, scan={**config.scan, "max_range_m": args.max_range})
+    if args.camera_height is not None:
+        config = replace(config, mounting={**config.mounting, "height_m": args.camera_height})
+    return Pipeline(
+        rig,
+        matcher=matcher,
+        regions=config.regions or None,
+        ground=config.ground.get("enabled", True),
+        mounting=ground_prior(config),
+        robot_from_camera=robot_from_camera(config),
+        scanner=scanner(config),
+        tracker=tracker(config),
+        **settings,
+    )
 
 
 def _open_sink(path: str | None, stack: ExitStack) -> Any:
@@ -102,6 +144,38 @@ def _open_sink(path: str | None, stack: ExitStack) -> Any:
     if path is None:
         return None
     return JsonLines(sys.stdout) if path == "-" else stack.enter_context(JsonLines.open(Path(path)))
+
+
+def _open_pictures(args: argparse.Namespace, stack: ExitStack) -> Sequence[PictureSink]:
+    from epiline.sinks.video import PictureFolder, VideoFile
+
+    sinks: list[PictureSink] = []
+    if args.pictures:
+        sinks.append(PictureFolder(args.pictures))
+    if args.video:
+        sinks.append(stack.enter_context(VideoFile.open(args.video, args.fps or _DEFAULT_FPS)))
+    return sinks
+
+
+def _draw(sinks: Sequence[PictureSink], frame: Frame, result: FrameResult) -> None:
+    from epiline.sinks.overlay import picture_of
+
+    picture = picture_of(result.pair.left, result.tracks, result.scan, caption=frame.name)
+    for sink in sinks:
+        sink.add(frame.name, picture)
+
+
+class _Clock:
+    """Stamps frames: as their source does, or else evenly."""
+
+    def __init__(self, frames_per_second: float | None) -> None:
+        self._step_nanos = round(1e9 / (frames_per_second or _DEFAULT_FPS))
+        self._even = frames_per_second is not None
+
+    def stamp_nanos(self, frame: Frame) -> int:
+        if frame.left_stamp_nanos is None or self._even:
+            return frame.seq * self._step_nanos
+        return frame.left_stamp_nanos
 
 
 def _row(frame: Frame, result: FrameResult) -> tuple[object, ...]:
@@ -113,6 +187,7 @@ def _row(frame: Frame, result: FrameResult) -> tuple[object, ...]:
         f"{100 * result.disparity.density:.1f}",
         *(f"{p.range_m:.2f} ± {p.sigma_m:.2f}" if p.range_m == p.range_m else "-" for p in result.profiles),
         len(result.obstacles),
+        sum(track.confirmed for track in result.tracks),
         "-" if nearest is None else f"{nearest.range_m:.2f} ± {nearest.sigma_m:.2f} m",
         f"{sum(v for k, v in result.stage_ms.items() if k != 'total'):.1f}",
     )

@@ -9,13 +9,13 @@ from markupsafe import Markup
 
 from epiline._pictures import Limits, grey_level_disparity
 from epiline.report import figures
-from epiline.report.charts import SecondAxis, histogram
+from epiline.report.charts import Axis, Band, Line, SecondAxis, histogram, limits_of, line_chart
 from epiline.report.model import FrameSection, FrameTruth
 from epiline.report.numbers import ABSENT, number, percent, plus_minus, quantity, relative_error, signed_percent
-from epiline.report.profile_charts import range_chart, value_axis, value_chart
-from epiline.report.protocols import AlignmentLike, Floats, ObstacleLike, ProfileLike
+from epiline.report.protocols import AlignmentLike, Floats, GeometryLike, ObstacleLike, ProfileLike, ScanLike, TrackLike
 from epiline.report.reasons import REASONS, has_value
 from epiline.report.recorder import total_ms
+from epiline.report.top_view import top_view
 
 Facts = Sequence[tuple[str, str]]
 
@@ -59,6 +59,20 @@ class ObstacleRow:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TrackRow:
+    """A line of the table of tracks."""
+
+    id: int
+    range: str
+    bearing: str
+    ahead: str
+    right: str
+    age: str
+    hits: str
+    seen: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class PairView:
     """A pair with scan-lines, and what was measured between its views."""
 
@@ -96,6 +110,9 @@ class FrameView:
     obstacles: Markup
     obstacle_rows: Sequence[ObstacleRow]
     missed: Sequence[str]
+    scan: Markup | None
+    scan_facts: Facts
+    track_rows: Sequence[TrackRow]
     has_truth: bool
 
 
@@ -142,10 +159,13 @@ def frame_view(frame: FrameSection, *, limits_px: Limits, max_pixels: int) -> Fr
         reason_rows=_reason_rows(frame),
         regions_on_map=on_map,
         regions_on_photograph=on_photograph,
-        regions=[_region(profile, limits_px, frame.truth) for profile in frame.profiles],
+        regions=[_region(profile, frame.geometry, limits_px, frame.truth) for profile in frame.profiles],
         obstacles=figures.obstacle_figure(left, frame.obstacles, title="Obstacles on the left view"),
         obstacle_rows=[_obstacle(o, frame.truth) for o in sorted(frame.obstacles, key=_by_range)],
         missed=[] if frame.truth is None else list(frame.truth.missed),
+        scan=None if frame.scan is None else top_view(frame.scan, frame.tracks, title="The floor from above"),
+        scan_facts=[] if frame.scan is None else _scan_facts(frame.scan),
+        track_rows=[_track(track) for track in frame.tracks if track.confirmed],
         has_truth=frame.truth is not None and bool(frame.truth.obstacle_range_m),
     )
 
@@ -214,10 +234,14 @@ def _reason_rows(frame: FrameSection) -> list[ReasonRow]:
     return rows
 
 
-def _region(profile: ProfileLike, limits_px: Limits, truth: FrameTruth | None) -> RegionView:
+def _region(
+    profile: ProfileLike, geometry: GeometryLike | None, limits_px: Limits, truth: FrameTruth | None
+) -> RegionView:
     region = profile.region
+    columns = np.arange(region.x, region.x + region.width, dtype=np.float64)
     known = truth or FrameTruth()
     range_truth_m = known.region_range_m.get(region.name)
+    ranges_m = profile.nearest_range_m
     facts = [
         ("nearest range", plus_minus(profile.range_m, profile.sigma_m, "m")),
         ("minimum", quantity(profile.minimum, "px")),
@@ -230,37 +254,111 @@ def _region(profile: ProfileLike, limits_px: Limits, truth: FrameTruth | None) -
             ("true nearest range", quantity(range_truth_m, "m", 3)),
             ("error", signed_percent(relative_error(profile.range_m, range_truth_m))),
         ]
+    range_chart = None
+    if ranges_m is not None and geometry is not None:
+        truth_m = known.column_range_m.get(region.name)
+        range_chart = _range_chart(region.name, np.asarray(ranges_m, np.float64), columns, truth_m)
     return RegionView(
         name=region.name,
         box=f"columns {region.x}–{region.x + region.width - 1}, rows {region.y}–{region.y + region.height - 1}",
-        value_chart=_value_chart(profile, limits_px, known.column_disparity_px.get(region.name)),
-        range_chart=range_chart(profile, truth_m=known.column_range_m.get(region.name)),
+        value_chart=_value_chart(profile, columns, limits_px, known.column_disparity_px.get(region.name)),
+        range_chart=range_chart,
         facts=facts,
         supported=bool(np.isfinite(profile.nearest_px).any()),
     )
 
 
-def _value_chart(profile: ProfileLike, limits_px: Limits, truth_px: Floats | None) -> Markup:
-    axis = value_axis(profile, include=limits_px)
-    bottom, top = axis.limits
-    levels = [level for level in (50, 100, 150, 200, 255) if bottom <= grey_level_disparity(level, limits_px) <= top]
-    grey = SecondAxis(
-        label="grey level", ticks=[(grey_level_disparity(level, limits_px), str(level)) for level in levels]
+def _column_axis(columns: Floats) -> Axis:
+    return Axis(label="column, px", limits=(float(columns[0]) - 0.5, float(columns[-1]) + 0.5), ticks=7)
+
+
+def _value_chart(profile: ProfileLike, columns: Floats, limits_px: Limits, truth_px: Floats | None) -> Markup:
+    nearest, median, low, high = (
+        np.asarray(values, np.float64)
+        for values in (profile.nearest_px, profile.median_px, profile.minimum_px, profile.maximum_px)
     )
-    return value_chart(profile, axis=axis, second=grey, truth_px=truth_px)
+    bottom, top = limits_of(nearest, median, include=limits_px)
+    axis = Axis(label="disparity, px", limits=(bottom, top))
+    levels = [level for level in (50, 100, 150, 200, 255) if bottom <= grey_level_disparity(level, limits_px) <= top]
+    lines = [
+        Line(name="median", x=columns, y=median, tone="c3"),
+        Line(name="nearest supported", x=columns, y=nearest, tone="c0", keep="max"),
+    ]
+    if truth_px is not None:
+        lines.append(Line(name="truth", x=columns, y=np.asarray(truth_px, np.float64), tone="truth", keep="max"))
+    return line_chart(
+        title=f"Region {profile.region.name}: pixel value against column",
+        x=_column_axis(columns),
+        y=axis,
+        bands=[Band(name="min to max", x=columns, low=low, high=high, tone="c0")],
+        lines=lines,
+        second=SecondAxis(
+            label="grey level", ticks=[(grey_level_disparity(level, limits_px), str(level)) for level in levels]
+        ),
+        empty="no column has enough support",
+    )
+
+
+def _range_chart(name: str, ranges_m: Floats, columns: Floats, truth_m: Floats | None) -> Markup:
+    lines = [Line(name="nearest supported", x=columns, y=ranges_m, tone="c2", keep="min")]
+    shown = [ranges_m]
+    if truth_m is not None:
+        known = np.asarray(truth_m, np.float64)
+        lines.append(Line(name="truth", x=columns, y=known, tone="truth", keep="min"))
+        shown.append(known)
+    return line_chart(
+        title=f"Region {name}: range against column",
+        x=_column_axis(columns),
+        # The far background of a few columns would press everything near onto the axis.
+        y=Axis(label="range, m", limits=limits_of(*shown, include=(0.0,), upper_share=0.95)),
+        lines=lines,
+        empty="no column has enough support",
+    )
 
 
 def _obstacle(obstacle: ObstacleLike, truth: FrameTruth | None) -> ObstacleRow:
     true_range_m = None if truth is None else truth.obstacle_range_m.get(obstacle.id)
-    degrees = math.degrees(obstacle.bearing_rad)
-    side = "" if abs(degrees) < 0.05 or not math.isfinite(degrees) else (" right" if degrees > 0.0 else " left")
     return ObstacleRow(
         id=obstacle.id,
         region=obstacle.region,
         range=plus_minus(obstacle.range_m, obstacle.sigma_m, "m"),
-        bearing=quantity(abs(degrees), "°", 1).replace("\u00a0", "") + side,
+        bearing=_bearing(obstacle.bearing_rad),
         size=f"{number(obstacle.width_m)} × {number(obstacle.height_m)}",
         support=number(obstacle.support, 0),
         truth=quantity(true_range_m, "m", 3),
         error=signed_percent(relative_error(obstacle.range_m, true_range_m)),
     )
+
+
+def _bearing(bearing_rad: float) -> str:
+    degrees = math.degrees(bearing_rad)
+    side = "" if abs(degrees) < 0.05 or not math.isfinite(degrees) else (" right" if degrees > 0.0 else " left")
+    return quantity(abs(degrees), "°", 1).replace("\u00a0", "") + side
+
+
+def _track(track: TrackLike) -> TrackRow:
+    right_mps, forward_mps = track.velocity_mps
+    return TrackRow(
+        id=track.id,
+        range=plus_minus(track.range_m, track.sigma_m, "m"),
+        bearing=_bearing(track.bearing_rad),
+        ahead=number(forward_mps),
+        right=number(right_mps),
+        age=quantity(track.age_s, "s", 1),
+        hits=number(track.hits, 0),
+        seen=track.misses == 0,
+    )
+
+
+def _scan_facts(scan: ScanLike) -> Facts:
+    seen = np.asarray(scan.seen)
+    shares = [float((seen == code).mean()) if seen.size else math.nan for code in (2, 1, 0)]
+    free_m = np.asarray(scan.free_to_m, np.float64)
+    known = free_m[np.isfinite(free_m)]
+    return [
+        ("directions with an obstacle", percent(shares[0])),
+        ("with nothing in range", percent(shares[1])),
+        ("unknown", percent(shares[2])),
+        ("median free distance", quantity(float(np.median(known)) if known.size else math.nan, "m")),
+        ("looked as far as", quantity(scan.max_range_m, "m")),
+    ]

@@ -18,6 +18,8 @@ from epiline.report.protocols import (
     ObstacleLike,
     ProfileLike,
     RangeCurveLike,
+    ScanLike,
+    TrackLike,
     VerdictLike,
 )
 
@@ -141,6 +143,8 @@ class FrameSection:
     geometry: GeometryLike | None = None
     profiles: Sequence[ProfileLike] = ()
     obstacles: Sequence[ObstacleLike] = ()
+    tracks: Sequence[TrackLike] = ()
+    scan: ScanLike | None = None
     alignment: AlignmentLike | None = None
     stage_ms: Mapping[str, float] = field(default_factory=dict)
     """Milliseconds by stage. A `total` entry is the whole frame, not a stage; without one the stages are added."""
@@ -167,6 +171,8 @@ class FrameSection:
             geometry=result.pair.geometry,
             profiles=result.profiles,
             obstacles=result.obstacles,
+            tracks=result.tracks,
+            scan=result.scan,
             alignment=result.alignment,
             stage_ms=result.stage_ms,
             before=before,
@@ -193,6 +199,8 @@ class FrameSummary:
     stage_ms: Mapping[str, float]
     total_ms: float
     """NaN if no stage was timed."""
+    track_range_m: Mapping[int, float] = field(default_factory=dict)
+    """Ranges of the confirmed tracks that were seen in this frame, by id."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -92,6 +92,7 @@ def summarize(frame: FrameSection) -> FrameSummary:
         valid_share=float(has_value(frame.disparity.validity).mean()),
         stage_ms={stage: ms for stage, ms in frame.stage_ms.items() if stage != "total"},
         total_ms=total_ms(frame),
+        track_range_m={t.id: float(t.range_m) for t in frame.tracks if t.confirmed and t.misses == 0},
     )
 
 

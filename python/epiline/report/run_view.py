@@ -92,6 +92,8 @@ class RunView:
     rows_left_out: int
     region_errors: Sequence[RegionError]
     trend: Markup | None
+    tracks: Markup | None
+    tracks_left_out: int
     thumbnails: Sequence[ThumbnailView]
     stages: Markup | None
     stage_total: str
@@ -112,6 +114,8 @@ def run_view(report: RunReport, figured: Sequence[FrameSection], summaries: Sequ
         rows_left_out=len(summaries) - len(chosen),
         region_errors=_region_errors(summaries, names),
         trend=_trend(summaries, names),
+        tracks=_tracks(summaries),
+        tracks_left_out=max(0, len(_lives(summaries)) - len(_TONES)),
         thumbnails=[
             ThumbnailView(
                 index=item.index,
@@ -250,6 +254,34 @@ def _trend(summaries: Sequence[FrameSummary], names: Sequence[str]) -> Markup | 
         y=Axis(label="nearest range, m", limits=limits_of(*shown, include=(0.0,), upper_share=0.98)),
         lines=lines,
         empty="no region had support in any frame",
+        width=WIDE,
+    )
+
+
+def _lives(summaries: Sequence[FrameSummary]) -> dict[int, int]:
+    """In how many frames each track was seen, by id."""
+    lives: dict[int, int] = {}
+    for summary in summaries:
+        for track in summary.track_range_m:
+            lives[track] = lives.get(track, 0) + 1
+    return lives
+
+
+def _tracks(summaries: Sequence[FrameSummary]) -> Markup | None:
+    lives = _lives(summaries)
+    if len(summaries) < 3 or not lives:
+        return None
+    x = np.array([summary.index for summary in summaries], np.float64)
+    longest = sorted(lives, key=lambda track: (-lives[track], track))[: len(_TONES)]
+    ranges = {track: _column([summary.track_range_m.get(track) for summary in summaries]) for track in sorted(longest)}
+    return line_chart(
+        title="Range of the tracks seen longest",
+        x=Axis(label="frame", limits=(float(x.min()), float(x.max())), ticks=8),
+        y=Axis(label="range, m", limits=limits_of(*ranges.values(), include=(0.0,))),
+        lines=[
+            Line(name=f"track {track}", x=x, y=y, tone=tone, keep="min")
+            for (track, y), tone in zip(ranges.items(), _TONES, strict=False)
+        ],
         width=WIDE,
     )
 

@@ -9,7 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TextIO
 
-from epiline._core import FrameResult, Obstacle, RegionProfile
+import numpy as np
+
+from epiline._core import FrameResult, GroundPlane, Obstacle, RegionProfile, Scan, Track
 from epiline._json import finite
 
 
@@ -71,8 +73,11 @@ def frame_record(frame: FrameLike, result: FrameResult) -> dict[str, Any]:
             "spread_px": alignment.spread_px,
             "matches": alignment.matches,
         },
+        "ground": ground_record(result.ground, result.ground_reason),
         "regions": [region_record(profile) for profile in result.profiles],
         "obstacles": [obstacle_record(obstacle) for obstacle in result.obstacles],
+        "tracks": [track_record(track) for track in result.tracks],
+        "scan": None if result.scan is None else scan_record(result.scan),
         "stage_ms": result.stage_ms,
     }
     return finite(record)
@@ -100,4 +105,57 @@ def obstacle_record(obstacle: Obstacle) -> dict[str, Any]:
     for name in ("range_m", "depth_m", "sigma_m", "bearing_rad", "width_m", "height_m"):
         record[name] = getattr(obstacle, name)
     record["support"] = obstacle.support
+    return finite(record)
+
+
+def ground_record(ground: GroundPlane | None, reason: str | None) -> dict[str, Any]:
+    """The camera's pose over the ground, or why there is none."""
+    if ground is None:
+        return {"reason": reason}
+    names = ("camera_height_m", "pitch_rad", "roll_rad")
+    record: dict[str, Any] = {name: getattr(ground, name) for name in names}
+    for name in ("camera_height_sigma_m", "pitch_sigma_rad", "roll_sigma_rad", "support_share"):
+        record[name] = getattr(ground, name)
+    return finite(record)
+
+
+def track_record(track: Track) -> dict[str, Any]:
+    """Everything about a track but its covariance, of which the standard deviations stand for the whole."""
+    sigmas = np.sqrt(np.diag(track.covariance))
+    record = {
+        "id": track.id,
+        "confirmed": track.confirmed,
+        "obstacle": track.obstacle,
+        "box": list(track.box),
+        "position_m": list(track.position_m),
+        "position_sigma_m": [float(sigma) for sigma in sigmas[:2]],
+        "velocity_mps": list(track.velocity_mps),
+        "velocity_sigma_mps": [float(sigma) for sigma in sigmas[2:]],
+    }
+    for name in ("range_m", "sigma_m", "bearing_rad", "width_m", "height_m", "age_s", "hits", "misses"):
+        record[name] = getattr(track, name)
+    return finite(record)
+
+
+def scan_record(scan: Scan) -> dict[str, Any]:
+    """A scan at equal angles, counter-clockwise; distances in metres from `origin_m`, to the millimetre.
+
+    ``seen`` has a letter per angle: ``o`` an obstacle, ``.`` nothing as far as was looked, ``?`` unknown. ``free_to_m``
+    is null where nothing is known to be free, ``nearest_m`` where no obstacle is.
+    """
+    obstacles, free = scan.to_laser_scan(), scan.to_clearing_scan()
+    ranges = obstacles["ranges"]
+    free_to = np.where(np.isposinf(free["ranges"]), scan.max_range_m, free["ranges"])
+    seen = np.select([np.isfinite(ranges), np.isposinf(ranges)], ["o", "."], "?")
+    record = {
+        "angle_min_rad": obstacles["angle_min"],
+        "angle_increment_rad": obstacles["angle_increment"],
+        "origin_m": list(scan.origin_m),
+        "max_range_m": scan.max_range_m,
+        "blind_m": scan.blind_m,
+        "free_from_m": free["range_min"],
+        "seen": "".join(seen),
+        "nearest_m": [round(float(value), 3) for value in np.where(np.isfinite(ranges), ranges, np.nan)],
+        "free_to_m": [round(float(value), 3) for value in free_to],
+    }
     return finite(record)

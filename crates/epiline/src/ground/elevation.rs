@@ -104,7 +104,8 @@ impl ProfileFinder {
             let ahead_m = profile.depth_m(knot) - profile.depth_m(knot - 1);
             let reach = STEEPEST * ahead_m / (STEP * height_m);
             for state in 0..STATES {
-                let (low, high) = (state.saturating_sub(reach as usize), (state + reach as usize).min(STATES - 1));
+                let (low, high) =
+                    (state.saturating_sub(reach as usize), (state + reach as usize).min(STATES - 1));
                 let gain = |from: usize| {
                     let change = from.abs_diff(state) as f64 / reach.max(1.0);
                     self.gains[knot - 1][from] - CHANGE * change

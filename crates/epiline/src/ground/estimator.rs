@@ -98,10 +98,8 @@ impl GroundEstimator {
             [Some(one), None] | [None, Some(one)] => [one, one],
             [None, None] => [DisparityPlane { by_u: 0.0, by_v: 0.0, at_center: 0.0 }; 2],
         };
-        let start = self
-            .search
-            .best(samples, &known[..given], geometry, &self.params)
-            .ok_or(NoGround::NoPlane)?;
+        let start =
+            self.search.best(samples, &known[..given], geometry, &self.params).ok_or(NoGround::NoPlane)?;
         let sigma_px = self.params.disparity_sigma_px;
         let fitted = refit(start, &samples.all, sigma_px).ok_or(NoGround::NoPlane)?;
         let fitted = FittedPlane { covariance: fitted.covariance + floor(&fitted.plane, geometry), ..fitted };

@@ -87,7 +87,11 @@ impl GroundParams {
         let (low, high) = self.camera_height_m;
         if !(low > 0.0 && low < high && high.is_finite()) {
             let value = format!("({low}, {high}) m");
-            return Err(Error::invalid("camera_height_m", value, "must be two heights, 0 < lowest < highest"));
+            return Err(Error::invalid(
+                "camera_height_m",
+                value,
+                "must be two heights, 0 < lowest < highest",
+            ));
         }
         let quarter = std::f64::consts::FRAC_PI_2;
         let (least, most) = self.pitch_rad;

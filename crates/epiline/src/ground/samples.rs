@@ -40,7 +40,8 @@ impl Samples {
             self.column_starts.push(self.all.len());
             let u = (x as f64 - geometry.cx_px) as f32;
             for y in (down / 2..height).step_by(down) {
-                let seen_px = f32::from(disparity.values.row(y)[x]) / f32::from(DisparityMap::SCALE) + doffs_px;
+                let seen_px =
+                    f32::from(disparity.values.row(y)[x]) / f32::from(DisparityMap::SCALE) + doffs_px;
                 if Validity::has_value(disparity.validity.row(y)[x]) && seen_px > 0.0 {
                     self.all.push(Sample { u, v: (y as f64 - geometry.cy_px) as f32, seen_px });
                 }

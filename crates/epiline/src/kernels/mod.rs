@@ -5,6 +5,7 @@
 
 pub mod alignment;
 pub mod coarse;
+pub mod floor;
 pub mod islands;
 mod level;
 pub mod remap;
@@ -22,6 +23,7 @@ use alignment::corners::{GradientRow, HalveRow, MaximaRow, StrengthRow};
 use alignment::patches::{Correlate, PatchSums};
 use alignment::registration::{Gram, Interpolate, Project};
 use coarse::RefineRow;
+use floor::FloorRow;
 use islands::BreaksRow;
 use remap::RemapRow;
 use sad::{AddRow, RowShape, SadRow};
@@ -90,6 +92,7 @@ pub struct Kernels {
     xsobel: kernel!(XSobelRow),
     texture: kernel!(TextureRow),
     weighted: kernel!(WeightedRow),
+    floor: kernel!(FloorRow),
     breaks: kernel!(BreaksRow),
     extremes: kernel!(ExtremesRow),
     census: kernel!(CensusRow),
@@ -133,6 +136,7 @@ impl Kernels {
             xsobel: xsobel::xsobel_row,
             texture: texture::texture_row,
             weighted: weighted::weighted_row,
+            floor: floor::floor_row,
             breaks: islands::breaks_row,
             extremes: semi_global::features::extremes,
             census: semi_global::features::census,
@@ -173,6 +177,7 @@ impl Kernels {
                     xsobel: xsobel::row::avx512,
                     texture: texture::row::avx512,
                     weighted: weighted::row::avx512,
+                    floor: floor::row::avx512,
                     breaks: islands::row::avx512,
                     extremes: semi_global::features::extremes_row::avx512,
                     census: semi_global::features::census_row::avx512,
@@ -213,6 +218,7 @@ impl Kernels {
                     xsobel: xsobel::row::avx2,
                     texture: texture::row::avx2,
                     weighted: weighted::row::avx2,
+                    floor: floor::row::avx2,
                     breaks: islands::row::avx2,
                     extremes: semi_global::features::extremes_row::avx2,
                     census: semi_global::features::census_row::avx2,
@@ -283,6 +289,13 @@ impl Kernels {
         row.check();
         // SAFETY: the table was made from a level, which exists only where the processor has its instructions.
         unsafe { (self.xsobel)(row) }
+    }
+
+    /// The floor and the obstacles of a row.
+    pub fn floor(&self, row: &mut FloorRow<'_>) {
+        row.check();
+        // SAFETY: the row was checked, and the level is proof of the instructions.
+        unsafe { (self.floor)(row) }
     }
 
     /// Windows of a row with too little texture.

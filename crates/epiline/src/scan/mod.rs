@@ -16,10 +16,12 @@
 //! Without a ground, heights are not known, and a direction is free up to its nearest obstacle as far as what could
 //! hide in the rows without an answer would have to be.
 
+mod histogram;
 mod laser;
 mod rays;
 mod robot_from_camera;
 mod scanner;
+mod view;
 
 use crate::error::{Error, Result};
 use crate::range::check_disparity_sigma;
@@ -33,18 +35,17 @@ pub use scanner::Scanner;
 pub struct ScanParams {
     /// Pixels that a direction must have within 1 px of disparity to see an obstacle there, 1 to 10000.
     pub min_support: usize,
-    /// What is lower above the floor does not matter, metres, positive: what the robot drives over.
-    pub min_height_m: f64,
-    /// What is higher above the floor does not matter, metres, above `min_height_m`; may be infinite: what the robot
-    /// passes under.
-    pub max_height_m: f64,
+    /// What rises less over the floor can be driven over, metres, positive.
+    pub step_m: f64,
+    /// What hangs higher over the floor can be passed under, metres, above `step_m`; may be infinite.
+    pub headroom_m: f64,
     /// Nothing farther is looked for, metres, positive: a direction that is free up to here has nothing in range.
     pub max_range_m: f64,
     /// Rows by which the matcher's window may shrink a gap in the floor, px, not negative: half its height for each end
     /// that it blurs. A larger value sees less floor as free.
     pub gap_guard_px: f64,
     /// Standard deviation of a disparity, px, finite and not negative. The floor is seen as such only where what is
-    /// `min_height_m` high would stand out from it by 3 of these.
+    /// `step_m` high would stand out from it by 3 of these.
     pub disparity_sigma_px: f64,
 }
 
@@ -52,8 +53,8 @@ impl Default for ScanParams {
     fn default() -> Self {
         Self {
             min_support: 8,
-            min_height_m: 0.1,
-            max_height_m: f64::INFINITY,
+            step_m: 0.05,
+            headroom_m: 2.0,
             max_range_m: 10.0,
             gap_guard_px: 4.0,
             disparity_sigma_px: 0.25,
@@ -68,14 +69,14 @@ impl ScanParams {
             let value = format!("{} px", self.min_support);
             return Err(Error::invalid("min_support", value, "must be 1 to 10000 px"));
         }
-        for (name, value) in [("min_height_m", self.min_height_m), ("max_range_m", self.max_range_m)] {
+        for (name, value) in [("step_m", self.step_m), ("max_range_m", self.max_range_m)] {
             if !(value > 0.0 && value.is_finite()) {
                 return Err(Error::invalid(name, format!("{value} m"), "must be positive and finite"));
             }
         }
-        if !(self.max_height_m > self.min_height_m) {
-            let expected = format!("must be above min_height_m, {} m", self.min_height_m);
-            return Err(Error::invalid("max_height_m", format!("{} m", self.max_height_m), expected));
+        if !(self.headroom_m > self.step_m) {
+            let expected = format!("must be above step_m, {} m", self.step_m);
+            return Err(Error::invalid("headroom_m", format!("{} m", self.headroom_m), expected));
         }
         if !(self.gap_guard_px >= 0.0 && self.gap_guard_px.is_finite()) {
             let value = format!("{} px", self.gap_guard_px);
@@ -145,4 +146,9 @@ impl Scan {
             },
         )
     }
+}
+
+fn refill<T: Clone>(values: &mut Vec<T>, length: usize, value: T) {
+    values.clear();
+    values.resize(length, value);
 }

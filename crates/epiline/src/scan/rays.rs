@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use crate::error::{Error, Result};
 use crate::rectification::RectifiedGeometry;
 
-/// A sample without a measured disparity: nearer than nothing, farther than everything.
-pub(super) const UNSEEN: f32 = -1e9;
+/// Bits of what is outside the image: anything but zero.
+const OUTSIDE: u8 = 1;
 /// Least share of a line of sight that may point forward over the floor, and least share of up that is up in the image.
 const LEAST_FORWARD: f64 = 0.1;
 const LEAST_UPRIGHT: f64 = 0.5;
@@ -138,32 +138,28 @@ impl Rays {
         Vector3::new((x - cx_px) / focal_px, (y - cy_px) / focal_px, 1.0)
     }
 
-    /// The disparities of a row where the lines meet it, sixteenths of a pixel counted from infinity; [`UNSEEN`] where
-    /// none was measured, or outside the image. `line` has an element per line.
-    pub fn sample(&self, y: usize, raws: &[u16], bits: &[u8], line: &mut [f32]) {
-        let doffs_raw = (16.0 * self.geometry.doffs_px) as f32;
-        let of = |raw: u16, bits: u8| if bits == 0 { f32::from(raw) + doffs_raw } else { UNSEEN };
+    /// The disparities of a row where the lines meet it, and their bits; `OUTSIDE` where that is outside the image.
+    /// There is an element per line.
+    pub fn sample(&self, y: usize, raws: &[u16], bits: &[u8], line_raws: &mut [u16], line_bits: &mut [u8]) {
         let step = ((self.scale(y as f64) * ONE as f64) as i64).min(ONE);
         // Half a pixel more: cutting off what is behind the point then rounds.
         let mut at = ((self.column(0, y as f64) + 0.5) * ONE as f64) as i64;
         let outside = if at < 0 { (at.unsigned_abs().div_ceil(step.unsigned_abs())) as usize } else { 0 };
-        let outside = outside.min(line.len());
-        line[..outside].fill(UNSEEN);
+        let outside = outside.min(line_bits.len());
+        line_bits[..outside].fill(OUTSIDE);
         at += outside as i64 * step;
         let mut begin = outside;
-        while begin < line.len() {
+        while begin < line_bits.len() {
             let x = (at >> 32) as usize;
             if x >= raws.len() {
-                line[begin..].fill(UNSEEN);
+                line_bits[begin..].fill(OUTSIDE);
                 break;
             }
             // As long as rounding takes neighbouring columns, they are copied at once.
-            let run = if step == ONE { line.len() } else { ((at & (ONE - 1)) / (ONE - step)) as usize + 1 };
-            let run = run.min(line.len() - begin).min(raws.len() - x);
-            let source = raws[x..x + run].iter().zip(&bits[x..x + run]);
-            for (value, (&raw, &bits)) in line[begin..begin + run].iter_mut().zip(source) {
-                *value = of(raw, bits);
-            }
+            let run = if step == ONE { raws.len() } else { ((at & (ONE - 1)) / (ONE - step)) as usize + 1 };
+            let run = run.min(line_bits.len() - begin).min(raws.len() - x);
+            line_raws[begin..begin + run].copy_from_slice(&raws[x..x + run]);
+            line_bits[begin..begin + run].copy_from_slice(&bits[x..x + run]);
             begin += run;
             at += run as i64 * step;
         }

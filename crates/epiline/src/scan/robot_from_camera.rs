@@ -90,7 +90,8 @@ mod tests {
     #[test]
     fn down_is_what_the_ground_calls_down() {
         let (roll_rad, pitch_rad) = (0.07, 0.3);
-        let mounting = RobotFromCamera::from_angles([0.1, 0.0, 0.5], roll_rad, pitch_rad, -0.4).expect("a pose");
+        let mounting =
+            RobotFromCamera::from_angles([0.1, 0.0, 0.5], roll_rad, pitch_rad, -0.4).expect("a pose");
         let (down, pitch) = (mounting.down(), pitch_rad.sin());
         let expected =
             Vector3::new(pitch_rad.cos() * roll_rad.sin(), pitch_rad.cos() * roll_rad.cos(), pitch);

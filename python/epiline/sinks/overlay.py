@@ -1,0 +1,203 @@
+"""What a frame's result looks like: tracks on the left view, and the scan from above beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Image: TypeAlias = NDArray[np.uint8]
+Colour: TypeAlias = tuple[int, int, int]
+Floats: TypeAlias = NDArray[np.float64]
+ToPixels: TypeAlias = Callable[[Floats, Floats], NDArray[np.int32]]
+
+_FREE, _UNKNOWN, _OUTSIDE, _OBSTACLE = (96, 150, 70), (70, 66, 66), (38, 35, 35), (70, 80, 250)
+_RINGS, _INK = (120, 116, 116), (235, 235, 235)
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_SECONDS_AHEAD = 1.0
+"""An arrow ends where its track will be then."""
+_SIGMAS = 2.0
+"""Size of a track's ellipse."""
+
+
+class TrackLike(Protocol):
+    """`epiline.Track`."""
+
+    @property
+    def id(self) -> int: ...
+    @property
+    def position_m(self) -> tuple[float, float]: ...
+    @property
+    def velocity_mps(self) -> tuple[float, float]: ...
+    @property
+    def covariance(self) -> Floats: ...
+    @property
+    def range_m(self) -> float: ...
+    @property
+    def sigma_m(self) -> float: ...
+    @property
+    def misses(self) -> int: ...
+    @property
+    def confirmed(self) -> bool: ...
+    @property
+    def box(self) -> tuple[int, int, int, int]: ...
+
+
+class ScanLike(Protocol):
+    """`epiline.Scan`."""
+
+    @property
+    def angle_rad(self) -> NDArray[np.float32]: ...
+    @property
+    def nearest_m(self) -> NDArray[np.float32]: ...
+    @property
+    def free_from_m(self) -> NDArray[np.float32]: ...
+    @property
+    def free_to_m(self) -> NDArray[np.float32]: ...
+    @property
+    def max_range_m(self) -> float: ...
+
+
+def picture_of(left: Image, tracks: Sequence[TrackLike], scan: ScanLike | None, *, caption: str = "") -> Image:
+    """The left view with its confirmed tracks, and beside it, if there is a scan, the view from above.
+
+    Parameters
+    ----------
+    left : (H, W) or (H, W, 3) uint8
+        The aligned left image; three channels are blue, green, red.
+    tracks : sequence of Track
+        Those not confirmed are left out; those not seen in this frame are drawn thin.
+    scan : Scan or None
+        Green is free, grey unknown, red an obstacle.
+    caption : str
+        Written into the upper left corner.
+
+    Returns
+    -------
+    (H, W', 3) uint8
+    """
+    picture = cv2.cvtColor(left, cv2.COLOR_GRAY2BGR) if left.ndim == 2 else left.copy()
+    believed = [track for track in tracks if track.confirmed]
+    for track in sorted(believed, key=lambda track: -track.range_m):
+        _draw_box(picture, track)
+    if caption:
+        _write(picture, caption, (8, 18), _INK)
+    if scan is not None:
+        picture = np.hstack([picture, top_view(scan, believed, side_px=picture.shape[0])])
+    return picture
+
+
+def colour_of(identity: int) -> Colour:
+    """A colour that stays with a track; neighbouring ids are far apart in hue."""
+    hue = int(identity * 0.618034 * 180) % 180
+    bgr = cv2.cvtColor(np.array([[[hue, 190, 255]]], np.uint8), cv2.COLOR_HSV2BGR)[0, 0]
+    return int(bgr[0]), int(bgr[1]), int(bgr[2])
+
+
+def _draw_box(picture: Image, track: TrackLike) -> None:
+    x, y, width, height = track.box
+    colour = colour_of(track.id)
+    thickness = 2 if track.misses == 0 else 1
+    cv2.rectangle(picture, (x, y), (x + width - 1, y + height - 1), colour, thickness)
+    if track.misses:
+        return
+    right_mps, forward_mps = track.velocity_mps
+    lines = (
+        f"{track.id}: {track.range_m:.1f} +- {track.sigma_m:.1f} m",
+        f"{forward_mps:+.1f} ahead {right_mps:+.1f} right m/s",
+    )
+    # Above the box, or inside it at the upper edge of the picture.
+    top = y - 16 if y >= 30 else y + 12
+    for i, line in enumerate(lines):
+        _write(picture, line, (max(0, min(x, picture.shape[1] - 150)), top + 12 * i), colour)
+
+
+def _write(picture: Image, text: str, at: tuple[int, int], colour: Colour) -> None:
+    cv2.putText(picture, text, at, _FONT, 0.38, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(picture, text, at, _FONT, 0.38, colour, 1, cv2.LINE_AA)
+
+
+def top_view(scan: ScanLike, tracks: Sequence[TrackLike], *, side_px: int) -> Image:
+    """The floor from above, the camera at the middle of the lower edge, ahead is up.
+
+    Parameters
+    ----------
+    scan : Scan
+        Angles count from straight up, counter-clockwise.
+    tracks : sequence of Track
+        Drawn as ellipses of two standard deviations, with an arrow to where they will be in a second. They are in the
+        camera's frame: with a camera that is turned on its robot they stand turned against the scan.
+    side_px : int
+        Height of the picture; it is three quarters as wide.
+
+    Returns
+    -------
+    (side_px, W, 3) uint8
+    """
+    width = 3 * side_px // 4
+    view = np.full((side_px, width, 3), _OUTSIDE, np.uint8)
+    px_per_m = (side_px - 24) / scan.max_range_m
+    foot = np.array([width / 2, side_px - 12.0])
+
+    def at(angle_rad: Floats, range_m: Floats) -> NDArray[np.int32]:
+        off = np.stack([-np.sin(angle_rad), -np.cos(angle_rad)], axis=-1) * range_m[..., None]
+        return np.rint(foot + px_per_m * off).astype(np.int32)
+
+    angles = np.asarray(scan.angle_rad, np.float64)
+    if angles.size:
+        whole = np.full(angles.shape, scan.max_range_m)
+        cv2.fillPoly(view, [np.vstack([np.rint(foot).astype(np.int32)[None], at(angles, whole)])], _UNKNOWN)
+    _draw_free(view, at, scan)
+    _draw_rings(view, foot, px_per_m, scan.max_range_m)
+    nearest = np.asarray(scan.nearest_m, np.float64)
+    seen = np.isfinite(nearest)
+    for x, y in at(angles[seen], nearest[seen]):
+        cv2.circle(view, (int(x), int(y)), 1, _OBSTACLE, -1)
+    for track in tracks:
+        _draw_track(view, track, foot, px_per_m)
+    return view
+
+
+def _draw_free(view: Image, at: ToPixels, scan: ScanLike) -> None:
+    angles = np.asarray(scan.angle_rad, np.float64)
+    begin, end = (np.asarray(values, np.float64) for values in (scan.free_from_m, scan.free_to_m))
+    free = np.isfinite(begin) & np.isfinite(end)
+    # A wedge per direction: half a step to either side.
+    half = 0.5 * np.gradient(angles) if angles.size > 1 else np.zeros_like(angles)
+    for i in np.flatnonzero(free):
+        edges = np.array([angles[i] - half[i], angles[i] + half[i]])
+        corners = np.vstack([at(edges, np.full(2, begin[i])), at(edges[::-1], np.full(2, end[i]))])
+        cv2.fillPoly(view, [corners], _FREE)
+
+
+def _draw_rings(view: Image, foot: Floats, px_per_m: float, max_range_m: float) -> None:
+    step = 10.0 ** math.floor(math.log10(max_range_m))
+    step = next(s for s in (step / 5, step / 2, step, step * 2) if max_range_m / s <= 6)
+    centre = (int(foot[0]), int(foot[1]))
+    for k in range(1, int(max_range_m / step + 1e-6) + 1):
+        radius = round(k * step * px_per_m)
+        cv2.ellipse(view, centre, (radius, radius), 0, 180, 360, _RINGS, 1, cv2.LINE_AA)
+        _write(view, f"{k * step:g} m", (centre[0] + 3, centre[1] - radius - 3), _RINGS)
+
+
+def _draw_track(view: Image, track: TrackLike, foot: Floats, px_per_m: float) -> None:
+    colour = colour_of(track.id)
+
+    def at(position_m: Floats) -> tuple[int, int]:
+        x, y = np.rint(foot + px_per_m * np.array([position_m[0], -position_m[1]])).astype(int)
+        return int(x), int(y)
+
+    position, velocity = np.array(track.position_m), np.array(track.velocity_mps)
+    values, vectors = np.linalg.eigh(np.asarray(track.covariance)[:2, :2])
+    axes = np.maximum(1, np.rint(_SIGMAS * px_per_m * np.sqrt(np.maximum(values, 0)))).astype(int)
+    # Down the picture is against z.
+    angle = math.degrees(math.atan2(-vectors[1, 0], vectors[0, 0]))
+    cv2.ellipse(view, at(position), (int(axes[0]), int(axes[1])), angle, 0, 360, colour, 1, cv2.LINE_AA)
+    if track.misses == 0:
+        cv2.arrowedLine(view, at(position), at(position + _SECONDS_AHEAD * velocity), colour, 1, cv2.LINE_AA)
+        x, y = at(position)
+        _write(view, str(track.id), (x + 5, y - 3), colour)
