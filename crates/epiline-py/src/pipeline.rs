@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use epiline::camera::StereoCalibration;
+use epiline::ground::{GroundParams, NoGround};
 use epiline::image::{Image, StereoPair};
 use epiline::matching::MatcherParams;
 use epiline::obstacles::ObstacleParams;
@@ -15,8 +16,9 @@ use pyo3::types::PyDict;
 use crate::camera::PyStereoCalibration;
 use crate::convert::{OrRaise, grey_image, whole};
 use crate::drift::PyDrift;
+use crate::ground::{PyGroundPlane, PyMounting};
 use crate::matching::{PyDisparityMap, PyStereoMatcher, parameters_dict};
-use crate::obstacles::PyObstacle;
+use crate::obstacles::{PyObstacle, method_named};
 use crate::range::PyRangeImage;
 use crate::rectification::{PyAlignmentError, PyRectifiedGeometry, PyRectifiedPair};
 use crate::regions::{PyRegion, PyRegionProfile, unwrap};
@@ -66,7 +68,19 @@ impl PyFrameResult {
         self.0.profiles.iter().cloned().map(PyRegionProfile).collect()
     }
 
-    /// Obstacles of all regions, nearest first.
+    /// The ground; None if there is none, and `ground_reason` says why.
+    #[getter]
+    fn ground(&self) -> Option<PyGroundPlane> {
+        self.0.ground.ok().map(PyGroundPlane)
+    }
+
+    /// Why there is no ground; None if there is.
+    #[getter]
+    fn ground_reason(&self) -> Option<&'static str> {
+        self.0.ground.err().map(NoGround::reason)
+    }
+
+    /// What stands in any of the regions, nearest first.
     #[getter]
     fn obstacles(&self) -> Vec<PyObstacle> {
         self.0.obstacles.iter().cloned().map(PyObstacle).collect()
@@ -89,12 +103,13 @@ impl PyFrameResult {
     fn stage_ms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let times = &self.0.times;
         let dict = PyDict::new(py);
-        let stages: [(&str, Duration); 8] = [
+        let stages: [(&str, Duration); 9] = [
             ("equalize", times.equalize),
             ("rectify", times.rectify),
             ("match", times.matching),
             ("range", times.range),
             ("regions", times.regions),
+            ("ground", times.ground),
             ("obstacles", times.obstacles),
             ("alignment", times.alignment),
             ("total", times.total),
@@ -177,6 +192,10 @@ impl State {
 ///     Default: paper_regions of the image's size.
 /// equalize : bool
 ///     Equalise both histograms first (equation 3 of the 2011 paper).
+/// only_regions : bool
+///     Match only in the regions: what lies outside of them is unknown. Where a matcher's answers depend on the whole image
+///     (`coarse_weight`, `fill`, `smooth`, method "sgm"; so with every preset) all of it is matched first, and no time is
+///     saved.
 /// alignment : bool
 ///     Measure the vertical residual of each pair.
 /// disparity_sigma_px : float
@@ -184,9 +203,19 @@ impl State {
 /// max_range_m : float, optional
 ///     No obstacle farther than this.
 /// min_support : int
-///     Pixels that a column must have within 1 px of disparity to see an obstacle there.
+///     Pixels that a column must have within 1 px of disparity to see an obstacle there where no ground is known.
 /// min_height_m : float
-///     Nothing lower is an obstacle, unless it reaches the upper or lower edge of its region.
+///     Where no ground is known, nothing lower is an obstacle, unless it reaches the upper or lower edge of the image.
+/// ground : bool
+///     Find the ground and tell obstacles by their height over it.
+/// mounting : Mounting, optional
+///     How the camera is mounted, if that is known.
+/// step_m : float
+///     What rises less over the ground can be driven over, metres.
+/// headroom_m : float
+///     What hangs higher over the ground can be passed under, metres.
+/// method : {"u-disparity", "paper"}
+///     How obstacles are found; see find_obstacles.
 ///
 /// Raises
 /// ------
@@ -206,7 +235,8 @@ impl PyPipeline {
     #[new]
     #[pyo3(signature = (
         rig, *, matcher = None, regions = None, equalize = false, alignment = true, disparity_sigma_px = 0.25,
-        max_range_m = None, min_support = 8, min_height_m = 0.1
+        max_range_m = None, min_support = 8, min_height_m = 0.3, ground = true, mounting = None, step_m = 0.05,
+        headroom_m = 2.0, only_regions = false, method = "u-disparity"
     ))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
@@ -220,6 +250,12 @@ impl PyPipeline {
         max_range_m: Option<f64>,
         min_support: i64,
         min_height_m: f64,
+        ground: bool,
+        mounting: Option<PyMounting>,
+        step_m: f64,
+        headroom_m: f64,
+        only_regions: bool,
+        method: &str,
     ) -> PyResult<Self> {
         let (width, height) = match &rig {
             Rig::Cameras(calibration) => {
@@ -233,8 +269,11 @@ impl PyPipeline {
             params.matcher = matcher.get().params();
         }
         let min_support = whole("min_support", min_support)?;
-        params.obstacles = ObstacleParams { min_support, max_range_m, min_height_m, ..params.obstacles };
-        params = PipelineParams { equalize, alignment, disparity_sigma_px, ..params };
+        params.obstacles =
+            ObstacleParams { min_support, max_range_m, min_height_m, step_m, headroom_m, ..params.obstacles };
+        let mounting = mounting.map(|mounting| mounting.0);
+        params.ground = ground.then(|| GroundParams { mounting, ..GroundParams::default() });
+        params = PipelineParams { equalize, only_regions, alignment, disparity_sigma_px, ..params };
         let regions = match regions {
             Some(regions) => unwrap(regions),
             None => paper_regions(width, height).or_raise()?,

@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 
 use crate::camera::StereoCalibration;
 use crate::error::{Error, Result};
+use crate::ground::{Ground, GroundEstimator, GroundParams, NoGround};
 use crate::image::{Image, ImageRef, StereoPair};
-use crate::matching::{DisparityMap, MatcherParams, StereoMatcher};
+use crate::matching::{DisparityMap, MatchRegion, MatcherParams, StereoMatcher};
 use crate::obstacles::{Obstacle, ObstacleFinder, ObstacleParams};
 use crate::preprocess::equalize_histogram;
 use crate::range::{RangeImage, Triangulation};
@@ -23,12 +24,18 @@ pub struct PipelineParams {
     pub matcher: MatcherParams,
     /// Equalise both histograms first (eq. 3 of the paper). Only for matching without a prefilter.
     pub equalize: bool,
+    /// Match only in the regions: what lies outside of them is unknown, also to the search for ground and obstacles.
+    /// Where the answers of the matcher depend on the whole image (costs from half the resolution, filling, smoothing,
+    /// semi-global matching) all of it is matched first, and no time is saved.
+    pub only_regions: bool,
     /// Measure how well the rows of each pair agree.
     pub alignment: bool,
-    /// Standard deviation of a disparity, px; used by all stages, whatever `profile` and `obstacles` say.
+    /// Standard deviation of a disparity, px; used by all stages, whatever `profile`, `ground` and `obstacles` say.
     pub disparity_sigma_px: f64,
     /// How regions are read.
     pub profile: ProfileParams,
+    /// How the ground is found; `None`: not at all.
+    pub ground: Option<GroundParams>,
     /// How obstacles are found.
     pub obstacles: ObstacleParams,
 }
@@ -44,9 +51,11 @@ impl PipelineParams {
         Self {
             matcher,
             equalize: false,
+            only_regions: false,
             alignment: true,
             disparity_sigma_px: 0.25,
             profile: ProfileParams::default(),
+            ground: Some(GroundParams::default()),
             obstacles: ObstacleParams::default(),
         }
     }
@@ -66,6 +75,7 @@ pub struct StageTimes {
     pub matching: Duration,
     pub range: Duration,
     pub regions: Duration,
+    pub ground: Duration,
     pub obstacles: Duration,
     pub alignment: Duration,
     pub total: Duration,
@@ -92,7 +102,9 @@ pub struct FrameResult {
     pub range: RangeImage,
     /// One per region.
     pub profiles: Vec<RegionProfile>,
-    /// Obstacles of all regions, nearest first.
+    /// The ground, or why there is none.
+    pub ground: Ground,
+    /// What stands in any of the regions, nearest first.
     pub obstacles: Vec<Obstacle>,
     /// Vertical residual of the pair, if asked for.
     pub alignment: Option<AlignmentError>,
@@ -109,6 +121,8 @@ pub struct FrameResult {
 pub struct Pipeline {
     params: PipelineParams,
     regions: Vec<Region>,
+    /// Where to match; empty for the whole image.
+    match_regions: Vec<MatchRegion>,
     geometry: RectifiedGeometry,
     /// `None` if pairs come aligned.
     rectifier: Option<Rectifier>,
@@ -116,6 +130,8 @@ pub struct Pipeline {
     matcher: StereoMatcher,
     triangulation: Triangulation,
     profiler: Profiler,
+    /// `None` if no ground was asked for.
+    ground: Option<GroundEstimator>,
     finder: ObstacleFinder,
     meter: AlignmentMeter,
     drift: DriftMeter,
@@ -169,23 +185,36 @@ impl Pipeline {
         let matcher = StereoMatcher::new(params.matcher)?;
         params.profile.disparity_sigma_px = params.disparity_sigma_px;
         params.profile.validate()?;
+        if let Some(ground) = &mut params.ground {
+            ground.disparity_sigma_px = params.disparity_sigma_px;
+        }
         params.obstacles.disparity_sigma_px = params.disparity_sigma_px;
         params.obstacles.validate()?;
         for region in &regions {
             region.validate(geometry.width, geometry.height)?;
         }
+        let match_regions = if params.only_regions {
+            if regions.is_empty() {
+                return Err(Error::invalid("only_regions", "true", "needs at least one region"));
+            }
+            regions.iter().map(|region| region.to_match(Some(&geometry))).collect::<Result<_>>()?
+        } else {
+            Vec::new()
+        };
         let MatcherParams { min_disparity, num_disparities, .. } = params.matcher;
         let searched =
             AlignmentOptions { num_disparities: min_disparity + num_disparities, ..Default::default() };
         Ok(Self {
             params,
             regions,
+            match_regions,
             geometry,
             rectifier,
             valid: Arc::new(valid),
             matcher,
             triangulation: Triangulation::new(&geometry, params.disparity_sigma_px)?,
             profiler: Profiler::default(),
+            ground: params.ground.map(GroundEstimator::new).transpose()?,
             finder: ObstacleFinder::default(),
             meter: AlignmentMeter::new(searched)?,
             drift: DriftMeter::new(&geometry),
@@ -222,6 +251,7 @@ impl Pipeline {
             disparity: DisparityMap::default(),
             range: RangeImage::new(&self.geometry),
             profiles: self.regions.iter().cloned().map(RegionProfile::new).collect(),
+            ground: Err(NoGround::NotAsked),
             obstacles: Vec::new(),
             alignment: None,
             drift: None,
@@ -309,7 +339,13 @@ impl Pipeline {
         // Pairs that come aligned have a source everywhere.
         let [left_valid, right_valid] =
             self.valid.each_ref().map(|mask| self.rectifier.is_some().then(|| mask.view()));
-        self.matcher.compute_masked(left, right, left_valid, right_valid, &mut result.disparity)?;
+        let (matcher, disparity) = (&mut self.matcher, &mut result.disparity);
+        if self.params.only_regions {
+            let regions = &self.match_regions;
+            matcher.compute_regions(left, right, left_valid, right_valid, regions, disparity)?;
+        } else {
+            matcher.compute_masked(left, right, left_valid, right_valid, disparity)?;
+        }
         times.matching = lap.time();
 
         self.triangulation.apply(&result.disparity, &mut result.range)?;
@@ -320,9 +356,16 @@ impl Pipeline {
         }
         times.regions = lap.time();
 
+        result.ground = match &mut self.ground {
+            Some(estimator) => estimator.estimate(&result.disparity, &self.geometry)?,
+            None => Err(NoGround::NotAsked),
+        };
+        times.ground = lap.time();
+
         self.finder.find(
             &result.disparity,
             &self.geometry,
+            result.ground.as_ref().ok(),
             &self.regions,
             &self.params.obstacles,
             &mut result.obstacles,

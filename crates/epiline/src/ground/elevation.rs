@@ -50,8 +50,31 @@ impl ProfileFinder {
             self.rate(knot, plane.seen_at_m(profile.depth_m(knot)), sigma_px);
         }
         let best = self.best_way(&profile, height_m);
-        profile.set(best.map(|state| (state as f64 - LEVELS as f64) * STEP * height_m));
+        let refined: [f64; KNOTS] = std::array::from_fn(|knot| {
+            let reach = reach(plane.seen_at_m(profile.depth_m(knot)), sigma_px);
+            self.refine(knot, best[knot], reach)
+        });
+        let smooth: [f64; KNOTS] = std::array::from_fn(|knot| {
+            let near = knot.saturating_sub(1)..=(knot + 1).min(KNOTS - 1);
+            let count = near.clone().count() as f64;
+            refined[near].iter().sum::<f64>() / count
+        });
+        profile.set(smooth.map(|state| (state - LEVELS as f64) * STEP * height_m));
         profile
+    }
+
+    /// The mean of the samples about a state of the best way.
+    fn refine(&self, knot: usize, state: usize, reach: f64) -> f64 {
+        let near = state.saturating_sub(reach as usize)..=(state + reach as usize).min(STATES - 1);
+        // A few samples at the state itself, so that none is needed.
+        let (mut total, mut sum) = (1.0, state as f64);
+        for other in near {
+            let share = other.abs_diff(state) as f64 / (reach + 1.0);
+            let weight = f64::from(self.votes[knot][other]) * (1.0 - share * share);
+            total += weight;
+            sum += weight * other as f64;
+        }
+        sum / total
     }
 
     fn count_votes(
@@ -76,8 +99,7 @@ impl ProfileFinder {
     fn rate(&mut self, knot: usize, seen_px: f64, sigma_px: f64) {
         let votes = &self.votes[knot];
         let total: f64 = votes.iter().map(|&n| f64::from(n)).sum();
-        // How far the noise of disparity carries, in states.
-        let reach = (tolerance_px(sigma_px) / (seen_px * STEP)).clamp(1.0, LEVELS as f64);
+        let reach = reach(seen_px, sigma_px);
         let weight = total / (total + ENOUGH) / total.max(1.0);
         let mut below = 0.0;
         let mut behind = 0;
@@ -134,4 +156,9 @@ impl ProfileFinder {
         }
         way
     }
+}
+
+/// How far the noise of disparity carries, in states.
+fn reach(seen_px: f64, sigma_px: f64) -> f64 {
+    (tolerance_px(sigma_px) / (seen_px * STEP)).clamp(1.0, LEVELS as f64)
 }

@@ -17,22 +17,28 @@ use crate::rectification::RectifiedGeometry;
 const MIN_ON: usize = 120;
 /// … and as a share of those seen where the plane is.
 const MIN_ON_SHARE: f64 = 0.12;
+/// Of these, the share along which disparity changes as on the plane: a wall crosses it.
+const MIN_ALONG_SHARE: f64 = 0.35;
 /// Samples below a plane, as a share of those on it, that make it something else than the ground.
 const MAX_BELOW_SHARE: f64 = 0.25;
 /// Disparity that the samples on a plane must span, px: a wall spans next to none.
 const MIN_SPAN_PX: f64 = 2.5;
-/// Columns that they must span, as a share of the image's width.
+/// Columns and rows that they must span, as shares of the image's width and height: the lower edge of the image cuts
+/// off a wall in a line of a plausible plane.
 const MIN_ACROSS: f64 = 0.2;
+const MIN_DOWN: f64 = 0.12;
 
 /// How much the pose changes from frame to frame, one standard deviation: a vehicle nods more than it heaves.
-const HEIGHT_WALK: f64 = 0.004;
-const PITCH_WALK_RAD: f64 = 0.003;
-const ROLL_WALK_RAD: f64 = 0.002;
+const HEIGHT_WALK: f64 = 0.01;
+const PITCH_WALK_RAD: f64 = 0.01;
+const ROLL_WALK_RAD: f64 = 0.007;
 /// What a fit cannot know of the pose, one standard deviation: lenses, alignment, and that no floor is quite plane.
 const HEIGHT_FLOOR: f64 = 0.003;
 const ANGLE_FLOOR_RAD: f64 = 0.0005;
 /// Squared Mahalanobis distance beyond which a frame's plane is not the one followed: 1 in 10 000 by chance.
 const GATE: f64 = 21.1;
+/// … unless so many times as many samples lie on it: the camera has been moved.
+const CLEARER: f64 = 1.3;
 /// Frames in a row beyond the gate after which the new plane is believed.
 const MAX_OUTSIDE: u32 = 3;
 /// Frames without a plane that the last one is carried on for.
@@ -108,7 +114,13 @@ impl GroundEstimator {
         }
         let tolerance_px = tolerance_px(sigma_px);
         let held = held(&fitted.plane, &samples.all, tolerance_px);
+        let along = samples.count_along(|sample| {
+            let plane_px = fitted.plane.at(sample);
+            let is_on = plane_px > 1.0 && (f64::from(sample.seen_px) - plane_px).abs() < tolerance_px;
+            is_on.then_some(plane_px as f32)
+        });
         if held.count < MIN_ON
+            || (along as f64) < MIN_ALONG_SHARE * held.count as f64
             || (held.count as f64) < MIN_ON_SHARE * held.looked_at as f64
             || !spans_enough(&fitted.plane, &samples.all, tolerance_px, geometry)
         {
@@ -151,7 +163,7 @@ impl GroundEstimator {
                         self.outside = 0;
                         updated
                     }
-                    None if self.outside < MAX_OUTSIDE => {
+                    None if self.outside < MAX_OUTSIDE && !self.is_clearer(&measured, &predicted) => {
                         self.outside += 1;
                         predicted
                     }
@@ -164,6 +176,13 @@ impl GroundEstimator {
         };
         self.state = Some(followed);
         Ok(self.describe(&followed, geometry))
+    }
+
+    /// Whether the samples of this frame speak for one plane rather than another.
+    fn is_clearer(&self, one: &FittedPlane, other: &FittedPlane) -> bool {
+        let tolerance_px = tolerance_px(self.params.disparity_sigma_px);
+        let [one, other] = [one, other].map(|fitted| held(&fitted.plane, &self.samples.all, tolerance_px));
+        one.on > CLEARER * other.on
     }
 
     /// The first plane: that of a frame, drawn toward the mounting if one was given.
@@ -195,19 +214,19 @@ impl GroundEstimator {
     }
 }
 
-/// Whether the samples on a plane span enough disparity and enough columns.
+/// Whether the samples on a plane span enough columns, rows and disparity.
 fn spans_enough(
     plane: &DisparityPlane,
     samples: &[Sample],
     tolerance_px: f64,
     geometry: &RectifiedGeometry,
 ) -> bool {
-    let (mut count, mut sums, mut squares) = (0.0, [0.0; 2], [0.0; 2]);
+    let (mut count, mut sums, mut squares) = (0.0, [0.0; 3], [0.0; 3]);
     for sample in samples {
         let plane_px = plane.at(sample);
         if plane_px > 1.0 && (f64::from(sample.seen_px) - plane_px).abs() < tolerance_px {
             count += 1.0;
-            for (i, value) in [f64::from(sample.u), plane_px].into_iter().enumerate() {
+            for (i, value) in [f64::from(sample.u), f64::from(sample.v), plane_px].into_iter().enumerate() {
                 sums[i] += value;
                 squares[i] += value * value;
             }
@@ -218,7 +237,10 @@ fn spans_enough(
         let mean: f64 = sums[i] / count;
         (12.0 * (squares[i] / count - mean * mean).max(0.0)).sqrt()
     };
-    count > 0.0 && span(0) >= MIN_ACROSS * geometry.width as f64 && span(1) >= MIN_SPAN_PX
+    count > 0.0
+        && span(0) >= MIN_ACROSS * geometry.width as f64
+        && span(1) >= MIN_DOWN * geometry.height as f64
+        && span(2) >= MIN_SPAN_PX
 }
 
 /// The filter's step; `None` outside the gate.

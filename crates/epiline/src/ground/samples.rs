@@ -6,6 +6,8 @@ use crate::rectification::RectifiedGeometry;
 /// Columns and rows looked at, at most.
 const COLUMNS: usize = 80;
 const ROWS: usize = 120;
+/// Samples of a column that are held against each other.
+const STRIDE: usize = 4;
 
 /// A pixel with a disparity.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -53,6 +55,21 @@ impl Samples {
     /// The samples of a looked at column.
     pub fn column(&self, index: usize) -> &[Sample] {
         &self.all[self.column_starts[index]..self.column_starts[index + 1]]
+    }
+
+    /// How many samples have, with the one [`STRIDE`] rows looked at farther down their column, a step of disparity like
+    /// that of `expected_px`, which gives it for a sample: those that lie along a plane, not across it.
+    pub fn count_along(&self, expected_px: impl Fn(&Sample) -> Option<f32>) -> usize {
+        let mut along = 0;
+        for column in 0..self.columns() {
+            for pair in self.column(column).windows(STRIDE + 1) {
+                let (upper, lower) = (&pair[0], &pair[STRIDE]);
+                let (Some(from), Some(to)) = (expected_px(upper), expected_px(lower)) else { continue };
+                let step = lower.seen_px - upper.seen_px;
+                along += usize::from((step - (to - from)).abs() < 0.6 * (to - from));
+            }
+        }
+        along
     }
 
     /// How many columns were looked at.

@@ -2,10 +2,12 @@
 //!
 //! ```text
 //! repeat:
-//!   two samples of one column -> a line of v-disparity; its slope and horizon must be plausible
-//!   a third sample, well beside them -> roll; it must be plausible
+//!   two samples of one column and a third, well beside them, or the lowest samples of three columns -> a plane
+//!   its pose must be plausible
 //!   score the plane: samples on it count for it, samples below it against it
 //! ```
+//!
+//! The lowest samples are the feet of walls and things: where a floor has no texture, they tell where it is.
 //!
 //! A table top has the floor below it, and a wall is no plane that a camera of plausible pose sees below itself.
 
@@ -78,7 +80,16 @@ impl Search {
             if plausible == HYPOTHESES {
                 break;
             }
-            if let Some(plane) = draw(&mut random, samples, geometry, params) {
+            let three = if plausible % 2 == 0 {
+                of_column(&mut random, samples, geometry)
+            } else {
+                of_feet(&mut random, samples, geometry)
+            };
+            let plane = three.and_then(through).filter(|plane| {
+                // A plane that gets farther downward is a ceiling.
+                plane.by_v > 0.0 && params.is_plausible(&plane.pose(geometry))
+            });
+            if let Some(plane) = plane {
                 plausible += 1;
                 consider(plane);
             }
@@ -115,37 +126,39 @@ pub(super) fn held(plane: &DisparityPlane, samples: &[Sample], tolerance_px: f64
     held
 }
 
-/// A plausible plane through three samples, if that is what was drawn.
-fn draw(
-    random: &mut Draw,
-    samples: &Samples,
-    geometry: &RectifiedGeometry,
-    params: &GroundParams,
-) -> Option<DisparityPlane> {
+/// Two samples of one column, well apart, and a third beside them.
+fn of_column(random: &mut Draw, samples: &Samples, geometry: &RectifiedGeometry) -> Option<[Sample; 3]> {
     let column = samples.column(random.below(samples.columns())?);
     let one = column[random.below(column.len())?];
     let other = column[random.below(column.len())?];
-    let (upper, lower) = if one.v < other.v { (one, other) } else { (other, one) };
-    let apart = lower.v - upper.v;
-    let step = lower.seen_px - upper.seen_px;
-    if apart < APART_DOWN * geometry.height as f32 || step <= 0.0 {
-        return None;
-    }
-    let by_v = f64::from(step / apart);
-    // The steepest plausible slope is that of the lowest camera.
-    if by_v > geometry.baseline_m / params.camera_height_m.0 {
-        return None;
-    }
     let third = samples.all[random.below(samples.all.len())?];
-    let aside = third.u - lower.u;
-    if aside.abs() < APART_ACROSS * geometry.width as f32 {
+    let apart = (one.v - other.v).abs() >= APART_DOWN * geometry.height as f32;
+    let aside = (third.u - one.u).abs() >= APART_ACROSS * geometry.width as f32;
+    (apart && aside).then_some([one, other, third])
+}
+
+/// The lowest samples of three columns, well apart.
+fn of_feet(random: &mut Draw, samples: &Samples, geometry: &RectifiedGeometry) -> Option<[Sample; 3]> {
+    let mut foot = || samples.column(random.below(samples.columns())?).last().copied();
+    let three = [foot()?, foot()?, foot()?];
+    let us = three.map(|sample| sample.u);
+    let aside = [us[0] - us[1], us[1] - us[2], us[2] - us[0]];
+    let far_enough = APART_ACROSS * geometry.width as f32;
+    aside.iter().all(|apart| apart.abs() >= far_enough).then_some(three)
+}
+
+/// The plane through three samples; `None` if they are in line.
+fn through([one, other, third]: [Sample; 3]) -> Option<DisparityPlane> {
+    let from_one =
+        |sample: Sample| [sample.u - one.u, sample.v - one.v, sample.seen_px - one.seen_px].map(f64::from);
+    let ([u1, v1, d1], [u2, v2, d2]) = (from_one(other), from_one(third));
+    let area = u1 * v2 - u2 * v1;
+    if area.abs() < 1.0 {
         return None;
     }
-    let expected = f64::from(lower.seen_px) + by_v * f64::from(third.v - lower.v);
-    let by_u = (f64::from(third.seen_px) - expected) / f64::from(aside);
-    let at_center = f64::from(lower.seen_px) - by_u * f64::from(lower.u) - by_v * f64::from(lower.v);
-    let plane = DisparityPlane { by_u, by_v, at_center };
-    params.is_plausible(&plane.pose(geometry)).then_some(plane)
+    let (by_u, by_v) = ((d1 * v2 - d2 * v1) / area, (u1 * d2 - u2 * d1) / area);
+    let at_center = f64::from(one.seen_px) - by_u * f64::from(one.u) - by_v * f64::from(one.v);
+    Some(DisparityPlane { by_u, by_v, at_center })
 }
 
 /// The same numbers every time (xorshift64).
