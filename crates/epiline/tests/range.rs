@@ -2,8 +2,12 @@
 
 use epiline::Error;
 use epiline::camera::DepthVariance;
+use epiline::image::Image;
 use epiline::matching::{DisparityMap, Validity};
-use epiline::range::{RangeCurve, RangeImage, Triangulation, fit_range_curve, to_range};
+use epiline::range::{
+    RangeCurve, RangeImage, Triangulation, disparity_sigma_px, fit_range_curve, fit_range_curve_robustly,
+    to_range, useful_depth_m,
+};
 use epiline::rectification::RectifiedGeometry;
 
 fn geometry() -> RectifiedGeometry {
@@ -203,4 +207,83 @@ fn intervals_contain_the_stated_share_of_new_measurements() {
     let curve = fit_range_curve(&x, &x.iter().map(|&x| at(truth, x)).collect::<Vec<_>>()).expect("exact");
     let error = curve.predict_interval(17.0, 1.0).expect_err("certainty").to_string();
     assert!(error.contains("confidence = 1"), "{error}");
+}
+
+#[test]
+fn the_useful_depth_is_where_sigma_first_exceeds_its_share() {
+    let plain = RectifiedGeometry::new(640, 480, 500.0, 320.0, 240.0, 0.0, 0.12).expect("a rig");
+    let variances = [
+        DepthVariance::default(),
+        DepthVariance { z2: 1e-4, z3: 2e-5, z4: 1e-6 },
+        // A rig that is better at some distance than nearer.
+        DepthVariance { z2: 4e-4, z3: -1e-4, z4: 1e-5 },
+        DepthVariance { z2: 1e-4, z3: 1e-5, z4: 0.0 },
+    ];
+    for calibration_variance in variances {
+        let geometry = RectifiedGeometry { calibration_variance, ..plain };
+        for (disparity_sigma_px, share) in [(0.25, 0.1), (0.1, 0.03), (1.0, 0.2)] {
+            let sigma_share = |z: f64| {
+                let matching_m = z * z * disparity_sigma_px / 60.0;
+                (matching_m * matching_m + calibration_variance.at(z)).sqrt() / z
+            };
+            let end_m = useful_depth_m(&geometry, disparity_sigma_px, share).expect("legal");
+            assert!((sigma_share(end_m) / share - 1.0).abs() < 1e-9, "{calibration_variance:?}");
+            assert!((1..100).all(|i| sigma_share(end_m * f64::from(i) / 100.0) < share));
+        }
+    }
+    let geometry =
+        RectifiedGeometry { calibration_variance: DepthVariance { z2: 0.01, z3: 0.0, z4: 0.0 }, ..plain };
+    assert_eq!(useful_depth_m(&geometry, 0.25, 0.1), Ok(0.0), "the baseline alone is 10 % uncertain");
+    assert_eq!(useful_depth_m(&plain, 0.0, 0.1), Ok(f64::INFINITY));
+}
+
+#[test]
+fn sigma_by_confidence_adds_the_calibrations_part() {
+    let mut geometry = geometry();
+    let map = map(&geometry);
+    let confidence = map.confidence();
+    geometry.calibration_variance = DepthVariance { z2: 1e-4, z3: 2e-5, z4: 1e-6 };
+    let mut image = RangeImage::new(&geometry);
+    Triangulation::new(&geometry, 0.0)
+        .expect("legal")
+        .apply_by_confidence(&map, &confidence, &mut image)
+        .expect("sizes");
+    let mut seen = 0;
+    for y in 0..map.height() {
+        for x in 0..map.width() {
+            let z = f64::from(image.depth_m.row(y)[x]);
+            if z.is_nan() {
+                assert!(image.sigma_m.row(y)[x].is_nan());
+                continue;
+            }
+            let sigma_px = f64::from(disparity_sigma_px(confidence.row(y)[x]));
+            let matching_m = z * z * sigma_px / (geometry.focal_px * geometry.baseline_m);
+            let of_depth_m = (matching_m * matching_m + geometry.calibration_variance.at(z)).sqrt();
+            let expected_m = of_depth_m * geometry.range_per_depth(x as f64, y as f64);
+            assert!((f64::from(image.sigma_m.row(y)[x]) / expected_m - 1.0).abs() < 1e-5);
+            seen += 1;
+        }
+    }
+    assert!(seen > 100, "only {seen} pixels");
+    let small = Image::<u8>::new(2, 2);
+    let refused =
+        Triangulation::new(&geometry, 0.0).expect("legal").apply_by_confidence(&map, &small, &mut image);
+    assert!(refused.expect_err("another size").to_string().contains("confidence is 2x2 px"));
+}
+
+#[test]
+fn a_robust_fit_leaves_out_what_is_wrong() {
+    let x: Vec<f64> = (0..20).map(|i| 4.0 + 2.0 * f64::from(i)).collect();
+    let wiggle = |i: usize| 0.01 * ((i * 7919 % 13) as f64 / 6.0 - 1.0);
+    let mut y: Vec<f64> =
+        x.iter().enumerate().map(|(i, &x)| at([6.0, -0.12, 1.5, -0.01], x) + wiggle(i)).collect();
+    let clean = fit_range_curve_robustly(&x, &y).expect("enough pairs");
+    assert!(clean.outliers.is_empty());
+    assert_eq!(clean, fit_range_curve(&x, &y).expect("enough pairs"));
+    (y[6], y[12]) = (y[6] + 0.8, y[12] - 0.5);
+    let robust = fit_range_curve_robustly(&x, &y).expect("enough pairs");
+    assert_eq!(robust.outliers, [6, 12]);
+    assert_eq!(robust.samples, 18);
+    assert!(x.iter().all(|&x| (robust.predict(x) - clean.predict(x)).abs() < 0.02));
+    assert!(fit_range_curve_robustly(&x[..4], &y[..4]).is_err());
 }

@@ -138,7 +138,7 @@ impl Mounting {
             }
         }
         for (name, value) in [("mounting.pitch_rad", self.pitch_rad), ("mounting.roll_rad", self.roll_rad)] {
-            if !(value.abs() < std::f64::consts::FRAC_PI_2) {
+            if value.is_nan() || value.abs() >= std::f64::consts::FRAC_PI_2 {
                 return Err(Error::invalid(name, format!("{value} rad"), "must be within ±π/2"));
             }
         }

@@ -45,7 +45,7 @@ impl RefineRow<'_> {
 /// `cost * weight / 256`, by the halves of the weight: both products fit words.
 #[inline(always)]
 fn weigh(cost: u16, [low, high]: [u16; 2]) -> u16 {
-    cost * high + (cost * low >> 8)
+    cost * high + ((cost * low) >> 8)
 }
 
 #[inline(always)]
@@ -60,7 +60,6 @@ pub(super) fn refine_row(row: &mut RefineRow<'_>) {
 /// So many cells at a time, a constant number: they are vectors then. Loops over numbers, not over zipped slices, whose
 /// `next` would be called instead of inlined here.
 #[inline(always)]
-#[expect(clippy::needless_range_loop, reason = "above")]
 fn refine<const CHUNK: usize>(row: &mut RefineRow<'_>) {
     let RefineRow { coarse_lanes, weight, lanes, num_disparities, starts_odd, .. } = *row;
     let first = lanes - num_disparities;
@@ -80,7 +79,7 @@ fn refine<const CHUNK: usize>(row: &mut RefineRow<'_>) {
             let of_whole = &of_whole[at..at + CHUNK];
             let (mut of_means, mut own) = ([0; CHUNK], [0; CHUNK]);
             for i in 0..CHUNK {
-                let mean = (u16::from(larger[i]) + u16::from(smaller[i]) + 1) / 2;
+                let mean = (u16::from(larger[i]) + u16::from(smaller[i])).div_ceil(2);
                 of_means[i] = weigh(mean, weight);
                 own[i] = weigh(of_whole[i].into(), weight);
             }

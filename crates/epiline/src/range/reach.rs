@@ -17,7 +17,7 @@ use crate::rectification::RectifiedGeometry;
 pub fn useful_depth_m(geometry: &RectifiedGeometry, disparity_sigma_px: f64, share: f64) -> Result<f64> {
     check_disparity_sigma(disparity_sigma_px)?;
     geometry.require_pinhole("useful_depth_m")?;
-    if !(share > 0.0) {
+    if share.is_nan() || share <= 0.0 {
         return Err(Error::invalid("share", share, "must be positive"));
     }
     let calibration = geometry.calibration_variance;

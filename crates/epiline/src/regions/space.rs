@@ -34,7 +34,7 @@ impl CameraOverGround {
             return Err(Error::invalid("camera height_m", value, "must be positive and finite"));
         }
         for (name, angle) in [("camera pitch_rad", self.pitch_rad), ("camera roll_rad", self.roll_rad)] {
-            if !(angle.abs() < std::f64::consts::FRAC_PI_2) {
+            if angle.is_nan() || angle.abs() >= std::f64::consts::FRAC_PI_2 {
                 let value = format!("{angle} rad");
                 return Err(Error::invalid(name, value, "must lie between -pi/2 and pi/2"));
             }

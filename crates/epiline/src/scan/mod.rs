@@ -74,7 +74,7 @@ impl ScanParams {
                 return Err(Error::invalid(name, format!("{value} m"), "must be positive and finite"));
             }
         }
-        if !(self.headroom_m > self.step_m) {
+        if self.headroom_m.is_nan() || self.headroom_m <= self.step_m {
             let expected = format!("must be above step_m, {} m", self.step_m);
             return Err(Error::invalid("headroom_m", format!("{} m", self.headroom_m), expected));
         }

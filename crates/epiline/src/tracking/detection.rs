@@ -68,7 +68,7 @@ impl Detection {
                 return Err(Error::invalid(name, format!("{value} m"), "must be finite and not negative"));
             }
         }
-        if !(self.bearing_rad.abs() < std::f64::consts::FRAC_PI_2) {
+        if self.bearing_rad.is_nan() || self.bearing_rad.abs() >= std::f64::consts::FRAC_PI_2 {
             let value = format!("{} rad", self.bearing_rad);
             return Err(Error::invalid("bearing_rad", value, "must be within ±π/2"));
         }

@@ -101,10 +101,10 @@ pub(in crate::kernels) fn strength_row(row: &mut StrengthRow<'_>) {
     // Equal lengths known beforehand: whole vectors at a time.
     let [xx, xy, yy] = [0, 1, 2].map(|plane| windows(row.columns[plane], inner));
     let strength = &mut row.strength[RADIUS..][..inner];
-    for i in 0..inner {
+    for (i, strength) in strength.iter_mut().enumerate() {
         let (xx, xy, yy) = (sum_at(&xx, i), sum_at(&xy, i), sum_at(&yy, i));
         let half_difference = 0.5 * (xx - yy);
-        strength[i] = 0.5 * (xx + yy) - (half_difference * half_difference + xy * xy).sqrt();
+        *strength = 0.5 * (xx + yy) - (half_difference * half_difference + xy * xy).sqrt();
     }
 }
 

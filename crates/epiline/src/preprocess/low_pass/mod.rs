@@ -29,7 +29,7 @@ pub struct GaussianLowPass {
 
 enum Way {
     Frequency(FrequencyFilter),
-    Spatial(SpatialFilter),
+    Spatial(Box<SpatialFilter>),
 }
 
 impl GaussianLowPass {
@@ -43,8 +43,10 @@ impl GaussianLowPass {
     /// [`Error::InvalidParameter`] unless `sigma` is positive and finite and the size is that of an image.
     pub fn new(width: usize, height: usize, sigma: f64) -> Result<Self> {
         check(width, height, sigma)?;
-        let way = SpatialFilter::new(width, height, sigma)
-            .map_or_else(|| Way::Frequency(FrequencyFilter::new(width, height, sigma)), Way::Spatial);
+        let way = SpatialFilter::new(width, height, sigma).map_or_else(
+            || Way::Frequency(FrequencyFilter::new(width, height, sigma)),
+            |filter| Way::Spatial(Box::new(filter)),
+        );
         Ok(Self { width, height, way })
     }
 
