@@ -285,7 +285,7 @@ def test_with_the_cameras_motion_velocities_are_over_the_ground() -> None:
         seen = np.array([[cos, -sin], [sin, cos]]) @ (still - camera)
         (track,) = tracker.update([detection(*seen)], k * STEP_NANOS, ego_motion=motion or (0, 0, 0))
         motion = (0.0, 1.0, 0.02)
-        camera = camera + [np.sin(heading), np.cos(heading)]
+        camera = camera + np.array([np.sin(heading), np.cos(heading)])
         heading += 0.02
     assert track.hits == 25
     assert np.hypot(*track.velocity_mps) < 0.1

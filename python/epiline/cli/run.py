@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera-height", type=positive, metavar="M", help="of the camera over the floor, if it is known"
     )
-    parser.add_argument("--max-range", type=positive, metavar="M", help="look for obstacles, and scan, up to this range")
+    parser.add_argument("--max-range", type=positive, metavar="M", help="look for obstacles and scan up to this range")
     add_matcher_arguments(parser)
 
 

@@ -15,7 +15,6 @@ use crate::rectification::RectifiedGeometry;
 pub use profile::{ProfileParams, Profiler, RegionProfile, profile};
 pub use space::{CameraOverGround, Slab, Space};
 pub use surface::NearestSurface;
-pub(crate) use u_disparity::UDisparity;
 
 /// Where a region's surfaces are looked for, if not where the matcher looks.
 #[derive(Debug, Clone, Copy, PartialEq)]

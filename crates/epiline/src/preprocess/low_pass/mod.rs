@@ -27,9 +27,10 @@ pub struct GaussianLowPass {
     way: Way,
 }
 
+#[expect(clippy::large_enum_variant, reason = "one to a filter, beside buffers of an image's size")]
 enum Way {
     Frequency(FrequencyFilter),
-    Spatial(Box<SpatialFilter>),
+    Spatial(SpatialFilter),
 }
 
 impl GaussianLowPass {
@@ -43,10 +44,8 @@ impl GaussianLowPass {
     /// [`Error::InvalidParameter`] unless `sigma` is positive and finite and the size is that of an image.
     pub fn new(width: usize, height: usize, sigma: f64) -> Result<Self> {
         check(width, height, sigma)?;
-        let way = SpatialFilter::new(width, height, sigma).map_or_else(
-            || Way::Frequency(FrequencyFilter::new(width, height, sigma)),
-            |filter| Way::Spatial(Box::new(filter)),
-        );
+        let way = SpatialFilter::new(width, height, sigma)
+            .map_or_else(|| Way::Frequency(FrequencyFilter::new(width, height, sigma)), Way::Spatial);
         Ok(Self { width, height, way })
     }
 
