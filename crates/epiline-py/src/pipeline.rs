@@ -22,6 +22,8 @@ use crate::obstacles::{PyObstacle, method_named};
 use crate::range::PyRangeImage;
 use crate::rectification::{PyAlignmentError, PyRectifiedGeometry, PyRectifiedPair};
 use crate::regions::{PyRegion, PyRegionProfile, unwrap};
+use crate::scan::{PyRobotFromCamera, PyScan, PyScanner};
+use crate::tracking::{PyTrack, PyTracker};
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -86,6 +88,19 @@ impl PyFrameResult {
         self.0.obstacles.iter().cloned().map(PyObstacle).collect()
     }
 
+    /// Obstacles followed over frames, oldest first, those not confirmed among them; empty without a
+    /// tracker.
+    #[getter]
+    fn tracks(&self) -> Vec<PyTrack> {
+        self.0.tracks.iter().copied().map(PyTrack).collect()
+    }
+
+    /// The floor in every direction; None without a scanner.
+    #[getter]
+    fn scan(&self) -> Option<PyScan> {
+        (!self.0.scan.is_empty()).then(|| PyScan(self.0.scan.clone()))
+    }
+
     /// Vertical residual of the aligned pair; None if it was not asked for.
     #[getter]
     fn alignment(&self) -> Option<PyAlignmentError> {
@@ -103,7 +118,7 @@ impl PyFrameResult {
     fn stage_ms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let times = &self.0.times;
         let dict = PyDict::new(py);
-        let stages: [(&str, Duration); 9] = [
+        let stages: [(&str, Duration); 11] = [
             ("equalize", times.equalize),
             ("rectify", times.rectify),
             ("match", times.matching),
@@ -111,6 +126,8 @@ impl PyFrameResult {
             ("regions", times.regions),
             ("ground", times.ground),
             ("obstacles", times.obstacles),
+            ("tracks", times.tracks),
+            ("scan", times.scan),
             ("alignment", times.alignment),
             ("total", times.total),
         ];
@@ -216,6 +233,12 @@ impl State {
 ///     What hangs higher over the ground can be passed under, metres.
 /// method : {"u-disparity", "paper"}
 ///     How obstacles are found; see find_obstacles.
+/// tracker : Tracker, optional
+///     Whose parameters to follow obstacles with; by default they are not followed.
+/// scanner : Scanner, optional
+///     Whose parameters to scan the floor with; by default it is not scanned. `disparity_sigma_px` is the pipeline's.
+/// robot_from_camera : RobotFromCamera, optional
+///     Where the camera is on the robot, for the scan; by default the robot is the camera.
 ///
 /// Raises
 /// ------
@@ -236,7 +259,8 @@ impl PyPipeline {
     #[pyo3(signature = (
         rig, *, matcher = None, regions = None, equalize = false, alignment = true, disparity_sigma_px = 0.25,
         max_range_m = None, min_support = 8, min_height_m = 0.3, ground = true, mounting = None, step_m = 0.05,
-        headroom_m = 2.0, only_regions = false, method = "u-disparity"
+        headroom_m = 2.0, method = "u-disparity", only_regions = false, tracker = None, scanner = None,
+        robot_from_camera = None
     ))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
@@ -254,8 +278,11 @@ impl PyPipeline {
         mounting: Option<PyMounting>,
         step_m: f64,
         headroom_m: f64,
-        only_regions: bool,
         method: &str,
+        only_regions: bool,
+        tracker: Option<Bound<'_, PyTracker>>,
+        scanner: Option<Bound<'_, PyScanner>>,
+        robot_from_camera: Option<PyRobotFromCamera>,
     ) -> PyResult<Self> {
         let (width, height) = match &rig {
             Rig::Cameras(calibration) => {
@@ -269,9 +296,19 @@ impl PyPipeline {
             params.matcher = matcher.get().params();
         }
         let min_support = whole("min_support", min_support)?;
-        params.obstacles =
-            ObstacleParams { min_support, max_range_m, min_height_m, step_m, headroom_m, ..params.obstacles };
+        params.obstacles = ObstacleParams {
+            method: method_named(method)?,
+            min_support,
+            max_range_m,
+            min_height_m,
+            step_m,
+            headroom_m,
+            ..params.obstacles
+        };
         let mounting = mounting.map(|mounting| mounting.0);
+        params.tracks = tracker.map(|tracker| tracker.get().params());
+        params.scan = scanner.map(|scanner| scanner.get().params());
+        params.robot_from_camera = robot_from_camera.map(|mounting| mounting.0);
         params.ground = ground.then(|| GroundParams { mounting, ..GroundParams::default() });
         params = PipelineParams { equalize, only_regions, alignment, disparity_sigma_px, ..params };
         let regions = match regions {
@@ -315,6 +352,8 @@ impl PyPipeline {
     /// ----------
     /// left, right : (H, W) or (H, W, 3) uint8
     ///     Of the calibrated (or aligned) size; three channels are blue, green, red.
+    /// stamp_nanos : int
+    ///     When it was taken, on one clock: what tracks take for time. Pairs of one stamp are one frame to them.
     ///
     /// Returns
     /// -------
@@ -325,14 +364,20 @@ impl PyPipeline {
     /// ------
     /// ValueError
     ///     Another size, shape or type.
+    #[pyo3(signature = (left, right, *, stamp_nanos = 0))]
     fn process(
         &self,
         py: Python<'_>,
         left: &Bound<'_, PyAny>,
         right: &Bound<'_, PyAny>,
+        stamp_nanos: i64,
     ) -> PyResult<PyFrameResult> {
         let (left, right) = (grey_image("left", left)?, grey_image("right", right)?);
-        let pair = StereoPair::new(left.view(), right.view()).or_raise()?;
+        let pair = StereoPair {
+            left_stamp_nanos: stamp_nanos,
+            right_stamp_nanos: stamp_nanos,
+            ..StereoPair::new(left.view(), right.view()).or_raise()?
+        };
         let result = py.detach(|| self.lock().process(pair));
         result.map(PyFrameResult).or_raise()
     }

@@ -16,6 +16,8 @@ use crate::rectification::{
     realign,
 };
 use crate::regions::{ProfileParams, Profiler, Region, RegionProfile};
+use crate::scan::{RobotFromCamera, Scan, ScanParams, Scanner};
+use crate::tracking::{Detection, Track, TrackParams, Tracker};
 
 /// What a [`Pipeline`] does to each pair.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,6 +40,12 @@ pub struct PipelineParams {
     pub ground: Option<GroundParams>,
     /// How obstacles are found.
     pub obstacles: ObstacleParams,
+    /// How they are followed over frames, whose stamps must tell them apart; `None`: not at all.
+    pub tracks: Option<TrackParams>,
+    /// How the floor is scanned; `None`: not at all.
+    pub scan: Option<ScanParams>,
+    /// Where the camera is on the robot, for the scan; `None`: the robot is the camera.
+    pub robot_from_camera: Option<RobotFromCamera>,
 }
 
 impl PipelineParams {
@@ -57,6 +65,9 @@ impl PipelineParams {
             profile: ProfileParams::default(),
             ground: Some(GroundParams::default()),
             obstacles: ObstacleParams::default(),
+            tracks: Some(TrackParams::default()),
+            scan: Some(ScanParams::default()),
+            robot_from_camera: None,
         }
     }
 
@@ -77,6 +88,8 @@ pub struct StageTimes {
     pub regions: Duration,
     pub ground: Duration,
     pub obstacles: Duration,
+    pub tracks: Duration,
+    pub scan: Duration,
     pub alignment: Duration,
     pub total: Duration,
 }
@@ -106,6 +119,10 @@ pub struct FrameResult {
     pub ground: Ground,
     /// What stands in any of the regions, nearest first.
     pub obstacles: Vec<Obstacle>,
+    /// Obstacles followed over frames, oldest first; those not confirmed among them.
+    pub tracks: Vec<Track>,
+    /// The floor in every direction; without directions if it was not asked for.
+    pub scan: Scan,
     /// Vertical residual of the pair, if asked for.
     pub alignment: Option<AlignmentError>,
     /// How the rig has moved since calibration, from this pair and those before it; with `alignment`.
@@ -133,6 +150,9 @@ pub struct Pipeline {
     /// `None` if no ground was asked for.
     ground: Option<GroundEstimator>,
     finder: ObstacleFinder,
+    /// `None` if tracks were not asked for.
+    tracker: Option<Tracker>,
+    scanner: Scanner,
     meter: AlignmentMeter,
     drift: DriftMeter,
     /// `None` if pairs come aligned.
@@ -190,6 +210,10 @@ impl Pipeline {
         }
         params.obstacles.disparity_sigma_px = params.disparity_sigma_px;
         params.obstacles.validate()?;
+        if let Some(scan) = &mut params.scan {
+            scan.disparity_sigma_px = params.disparity_sigma_px;
+            scan.validate()?;
+        }
         for region in &regions {
             region.validate(geometry.width, geometry.height)?;
         }
@@ -216,6 +240,8 @@ impl Pipeline {
             profiler: Profiler::default(),
             ground: params.ground.map(GroundEstimator::new).transpose()?,
             finder: ObstacleFinder::default(),
+            tracker: params.tracks.map(Tracker::new).transpose()?,
+            scanner: Scanner::default(),
             meter: AlignmentMeter::new(searched)?,
             drift: DriftMeter::new(&geometry),
             calibration: None,
@@ -253,6 +279,8 @@ impl Pipeline {
             profiles: self.regions.iter().cloned().map(RegionProfile::new).collect(),
             ground: Err(NoGround::NotAsked),
             obstacles: Vec::new(),
+            tracks: Vec::new(),
+            scan: Scan::default(),
             alignment: None,
             drift: None,
             times: StageTimes::default(),
@@ -371,6 +399,20 @@ impl Pipeline {
             &mut result.obstacles,
         )?;
         times.obstacles = lap.time();
+
+        if let Some(tracker) = &mut self.tracker {
+            let detections = result.obstacles.iter().map(Detection::from);
+            tracker.update(detections, pair.left_stamp_nanos, None, &mut result.tracks)?;
+        }
+        times.tracks = lap.time();
+
+        if let Some(params) = &self.params.scan {
+            let ground = result.ground.as_ref().ok();
+            let mounting = self.params.robot_from_camera.as_ref();
+            let scan = &mut result.scan;
+            self.scanner.scan(&result.disparity, &self.geometry, ground, mounting, params, scan)?;
+        }
+        times.scan = lap.time();
 
         if self.params.alignment {
             let measured = self.meter.measure(left, right, left_valid, right_valid)?;
