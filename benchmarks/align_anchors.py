@@ -2,8 +2,10 @@
 
     python benchmarks/align_anchors.py [DATA [PART...]]
 
-Each pair of the calibration sets is aligned alone, once with the lenses that all pairs together give and once with
-nothing known. The figure is the mean vertical disparity of the pair's own board corners after alignment.
+Parts are the names of the calibration sets (bouguet, Bumblebee2, stereopi, sourishg), `scenes`, `refusals`, `drift` and
+`cost`; without any, all run. Each pair of the calibration sets is aligned alone, once with the lenses that all pairs
+together give and once with nothing known. The figure is the mean vertical disparity of the pair's own board corners
+after alignment.
 """
 
 from __future__ import annotations
@@ -16,9 +18,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from drift_anchors import score_cost, score_drift
 
 import epiline as ep
-from epiline.evaluation.scenes import load_scenes
+from epiline.benchmarking import machine_line
+from epiline.evaluation import load_scenes
 
 Array = np.ndarray
 
@@ -140,6 +144,7 @@ def score_refusals(data: Path) -> None:
 def main() -> None:
     data = Path(sys.argv[1] if len(sys.argv) > 1 else os.environ.get("EPILINE_DATA", "../shared/data"))
     wanted = sys.argv[2:]
+    print(machine_line("one pair at a time", (1,)))
     for name, left, right, board in board_sets(data):
         if not wanted or any(w in name for w in wanted):
             score_boards(name, left, right, board)
@@ -147,6 +152,10 @@ def main() -> None:
         score_turned_scenes(data)
     if not wanted or "refusals" in wanted:
         score_refusals(data)
+    if not wanted or "drift" in wanted:
+        score_drift(data)
+    if not wanted or "cost" in wanted:
+        score_cost(data)
 
 
 if __name__ == "__main__":

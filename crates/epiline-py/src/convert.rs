@@ -177,6 +177,12 @@ pub fn image_array<'py, T: Element + Copy + Default>(
     mapped_array(py, image, |value| value)
 }
 
+/// An image handed over as an `(H, W)` array, without a copy.
+pub fn given_array<T: Element + Copy + Default>(py: Python<'_>, image: Image<T>) -> Bound<'_, PyArray2<T>> {
+    let sides = [image.height(), image.width()];
+    PyArray1::from_vec(py, image.into_vec()).reshape(sides).expect("an image has height x width elements")
+}
+
 /// A new `(H, W)` array of `f(pixel)`.
 pub fn mapped_array<'py, T: Copy + Default, U: Element + Copy>(
     py: Python<'py>,

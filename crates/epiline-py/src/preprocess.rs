@@ -6,7 +6,7 @@ use numpy::{PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{OrRaise, grey_image, image_array, typed_image, whole};
+use crate::convert::{OrRaise, given_array, grey_image, image_array, typed_image, whole};
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -68,7 +68,7 @@ fn equalize<'py>(py: Python<'py>, image: &Bound<'py, PyAny>) -> PyResult<Bound<'
     let view = image.view();
     let mut equalized = Image::default();
     py.detach(|| equalize_histogram(view, &mut equalized));
-    Ok(image_array(py, &equalized))
+    Ok(given_array(py, equalized))
 }
 
 /// Horizontal Sobel derivative, clipped to plus or minus `cap` and raised by `cap`: what is left of an image without

@@ -11,7 +11,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::camera::{PyStereoCalibration, matrix_array, rows_array};
-use crate::convert::{OrRaise, grey_image, image_array, mask_image, rows_of, whole};
+use crate::convert::{OrRaise, given_array, grey_image, image_array, mask_image, rows_of, whole};
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -212,13 +212,13 @@ impl PyRectifiedPair {
         self.right.bind(py).clone()
     }
 
-    /// (H, W) bool: true where the aligned left image has a source.
+    /// (H, W) bool: true where the aligned left image has a source; read-only where a Rectifier made the pair.
     #[getter]
     fn left_valid<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<bool>> {
         self.left_valid.bind(py).clone()
     }
 
-    /// (H, W) bool: true where the aligned right image has a source.
+    /// (H, W) bool: true where the aligned right image has a source; read-only as the left one.
     #[getter]
     fn right_valid<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<bool>> {
         self.right_valid.bind(py).clone()
@@ -265,7 +265,11 @@ impl PyRectifiedPair {
 /// epiline.Error
 ///     Swapped cameras, a baseline along the viewing direction, or cameras that see nothing in common.
 #[pyclass(name = "Rectifier", module = "epiline", frozen)]
-pub struct PyRectifier(pub Rectifier);
+pub struct PyRectifier {
+    rectifier: Rectifier,
+    /// Read-only, and the same for every pair.
+    valid: [Py<PyArray2<bool>>; 2],
+}
 
 #[pymethods]
 impl PyRectifier {
@@ -298,13 +302,19 @@ impl PyRectifier {
         };
         let options = RectifierOptions { size, scale, projection };
         let calibration = &calibration.get().0;
-        py.detach(|| Rectifier::with_options(calibration, options)).map(Self).or_raise()
+        let rectifier = py.detach(|| Rectifier::with_options(calibration, options)).or_raise()?;
+        let valid = [rectifier.left_valid(), rectifier.right_valid()].map(|mask| {
+            let array = mask_array(py, mask);
+            array.readwrite().make_nonwriteable();
+            array.unbind()
+        });
+        Ok(Self { rectifier, valid })
     }
 
     /// Geometry of the aligned images.
     #[getter]
     fn geometry(&self) -> PyRectifiedGeometry {
-        PyRectifiedGeometry(*self.0.geometry())
+        PyRectifiedGeometry(*self.rectifier.geometry())
     }
 
     /// Aligns a pair.
@@ -332,12 +342,14 @@ impl PyRectifier {
         let (left, right) = (left.view(), right.view());
         let mut aligned = [Image::default(), Image::default()];
         py.detach(|| {
-            self.0.rectify_left(left, &mut aligned[0])?;
-            self.0.rectify_right(right, &mut aligned[1])
+            self.rectifier.rectify_left(left, &mut aligned[0])?;
+            self.rectifier.rectify_right(right, &mut aligned[1])
         })
         .or_raise()?;
-        let valid = [self.0.left_valid(), self.0.right_valid()];
-        Ok(PyRectifiedPair::new(py, aligned.each_ref(), valid, *self.0.geometry()))
+        let [left, right] = aligned.map(|image| given_array(py, image).unbind());
+        let [left_valid, right_valid] = self.valid.each_ref().map(|mask| mask.clone_ref(py));
+        let geometry = *self.rectifier.geometry();
+        Ok(PyRectifiedPair { left, right, left_valid, right_valid, geometry })
     }
 }
 
