@@ -14,6 +14,7 @@ from epiline.benchmarking.contests import Curve, Plan, Row, rows
 from epiline.benchmarking.curves import curves
 from epiline.benchmarking.pairs import pair_from
 from epiline.benchmarking.pipeline import Stage, pipeline_rows
+from epiline.benchmarking.stages import stages
 
 
 def main(order: str) -> None:
@@ -21,7 +22,7 @@ def main(order: str) -> None:
     plan = Plan(**{**given["plan"], "sizes": tuple(tuple(size) for size in given["plan"]["sizes"])})
     pair = pair_from(Path(given["data"]) if given["data"] else None)
     level = simd_level()
-    tables: Iterator[Row] = rows(level, pair, plan) if plan.tables else iter(())
+    tables: Iterator[Row] = chain(rows(level, pair, plan), stages(level, pair, plan)) if plan.tables else iter(())
     points: Iterator[Curve] = curves(level, pair, plan) if plan.curves else iter(())
     whole: Iterator[Row | Stage] = pipeline_rows(level, plan) if plan.pipeline else iter(())
     results: Iterator[Row | Curve | Stage] = chain(whole, tables, points)

@@ -159,7 +159,7 @@ def _line(row: Row) -> tuple[object, ...]:
         row.ours,
         row.theirs,
         "on" if row.tests else "off",
-        f"{row.width}x{row.height}x{row.disparities}",
+        f"{row.width}x{row.height}" + (f"x{row.disparities}" if row.disparities else ""),
         f"{row.ratio:.2f} ({row.ratio_low:.2f}-{row.ratio_high:.2f})",
         row.ours_ms,
         row.theirs_ms,
