@@ -647,11 +647,65 @@ def profile(
 ) -> list[RegionProfile]: ...
 
 @final
+class Mounting:
+    def __new__(
+        cls,
+        camera_height_m: float,
+        *,
+        pitch_rad: float = 0.0,
+        roll_rad: float = 0.0,
+        camera_height_sigma_m: float = 0.05,
+        pitch_sigma_rad: float = 0.03,
+        roll_sigma_rad: float = 0.02,
+    ) -> Mounting: ...
+
+@final
+class GroundPlane:
+    @property
+    def camera_height_m(self) -> float: ...
+    @property
+    def pitch_rad(self) -> float: ...
+    @property
+    def roll_rad(self) -> float: ...
+    @property
+    def camera_height_sigma_m(self) -> float: ...
+    @property
+    def pitch_sigma_rad(self) -> float: ...
+    @property
+    def roll_sigma_rad(self) -> float: ...
+    @property
+    def support_share(self) -> float: ...
+    @property
+    def profile_m(self) -> Floats: ...
+    @property
+    def down(self) -> Floats: ...
+    def disparity_px(self, x: float, y: float) -> float | None: ...
+    def height_m(self, x: float, y: float, disparity_px: float) -> float: ...
+
+@final
+class GroundEstimator:
+    def __new__(
+        cls,
+        *,
+        camera_height_m: tuple[float, float] = (0.05, 4.0),
+        pitch_rad: tuple[float, float] = (-0.35, 1.0),
+        max_roll_rad: float = 0.35,
+        mounting: Mounting | None = None,
+        disparity_sigma_px: float = 0.25,
+    ) -> GroundEstimator: ...
+    def __call__(self, disparity: DisparityMap, geometry: RectifiedGeometry) -> GroundPlane | None: ...
+    @property
+    def reason(self) -> str | None: ...
+    def reset(self) -> None: ...
+
+@final
 class Obstacle:
     @property
     def id(self) -> int: ...
     @property
     def region(self) -> str: ...
+    @property
+    def regions(self) -> list[str]: ...
     @property
     def box(self) -> tuple[int, int, int, int]: ...
     @property
@@ -667,6 +721,8 @@ class Obstacle:
     @property
     def height_m(self) -> float: ...
     @property
+    def height_above_ground_m(self) -> float | None: ...
+    @property
     def support(self) -> int: ...
 
 def find_obstacles(
@@ -674,9 +730,15 @@ def find_obstacles(
     geometry: RectifiedGeometry,
     *,
     regions: Sequence[Region] | None = None,
+    method: Literal["u-disparity", "paper"] = "u-disparity",
+    low_pass_sigma: float = 3.0,
+    brighter_px: float = 1.0,
+    ground: GroundPlane | Literal["auto"] | None = "auto",
     max_range_m: float | None = None,
     min_support: int = 8,
-    min_height_m: float = 0.1,
+    min_height_m: float = 0.3,
+    step_m: float = 0.05,
+    headroom_m: float = 2.0,
     disparity_sigma_px: float = 0.25,
 ) -> list[Obstacle]: ...
 
@@ -860,7 +922,15 @@ class FrameResult:
     @property
     def profiles(self) -> list[RegionProfile]: ...
     @property
+    def ground(self) -> GroundPlane | None: ...
+    @property
+    def ground_reason(self) -> str | None: ...
+    @property
     def obstacles(self) -> list[Obstacle]: ...
+    @property
+    def tracks(self) -> list[Track]: ...
+    @property
+    def scan(self) -> Scan | None: ...
     @property
     def alignment(self) -> AlignmentError | None: ...
     @property
@@ -881,7 +951,16 @@ class Pipeline:
         disparity_sigma_px: float = 0.25,
         max_range_m: float | None = None,
         min_support: int = 8,
-        min_height_m: float = 0.1,
+        min_height_m: float = 0.3,
+        ground: bool = True,
+        mounting: Mounting | None = None,
+        step_m: float = 0.05,
+        headroom_m: float = 2.0,
+        method: Literal["u-disparity", "paper"] = "u-disparity",
+        only_regions: bool = False,
+        tracker: Tracker | None = None,
+        scanner: Scanner | None = None,
+        robot_from_camera: RobotFromCamera | None = None,
     ) -> Pipeline: ...
     @property
     def geometry(self) -> RectifiedGeometry: ...
@@ -889,6 +968,6 @@ class Pipeline:
     def regions(self) -> list[Region]: ...
     @property
     def matcher_parameters(self) -> dict[str, Any]: ...
-    def process(self, left: Image, right: Image) -> FrameResult: ...
+    def process(self, left: Image, right: Image, *, stamp_nanos: int = 0) -> FrameResult: ...
     def set_drift_reference(self) -> None: ...
     def realign(self) -> StereoCalibration: ...

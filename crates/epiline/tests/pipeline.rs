@@ -6,6 +6,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use epiline::camera::{Brown, CameraModel, Pose, StereoCalibration};
+use epiline::ground::{GroundParams, find_ground};
 use epiline::image::{Image, StereoPair};
 use epiline::matching::{DisparityMap, MatcherParams, StereoMatcher};
 use epiline::obstacles::{ObstacleParams, find_obstacles};
@@ -14,6 +15,8 @@ use epiline::preprocess::equalize_histogram;
 use epiline::range::{RangeImage, to_range};
 use epiline::rectification::{AlignmentMeter, AlignmentOptions, RectifiedGeometry, Rectifier};
 use epiline::regions::{ProfileParams, Region, paper_regions, profile};
+use epiline::scan::{Scan, ScanParams, Scanner};
+use epiline::tracking::{Detection, TrackParams, Tracker};
 use nalgebra::{Rotation3, Vector3};
 use scene::{Board, HEIGHT, Random, WIDTH, World, geometry};
 
@@ -124,8 +127,12 @@ fn calibration() -> StereoCalibration {
 
 /// Everything in a result but the times, as text: NaN equals itself there.
 fn content(result: &FrameResult) -> String {
-    let FrameResult { seq, left, right, disparity, range, profiles, obstacles, alignment, .. } = result;
-    format!("{seq} {left:?} {right:?} {disparity:?} {range:?} {profiles:?} {obstacles:?} {alignment:?}")
+    let FrameResult { seq, left, right, disparity, range, profiles, ground, obstacles, tracks, scan, .. } =
+        result;
+    let alignment = &result.alignment;
+    format!(
+        "{seq} {left:?} {right:?} {disparity:?} {range:?} {profiles:?} {ground:?} {obstacles:?} {tracks:?} {scan:?} {alignment:?}"
+    )
 }
 
 #[test]
@@ -146,11 +153,23 @@ fn aligned_pairs_pass_through_every_stage() {
     let reading = ProfileParams { disparity_sigma_px: 0.3, ..params.profile };
     let profiles = profile(&disparity, &regions(), Some(&geometry), &reading).expect("inside");
     let finding = ObstacleParams { disparity_sigma_px: 0.3, ..params.obstacles };
-    let obstacles = find_obstacles(&disparity, &geometry, &regions(), &finding).expect("parameters");
+    let looking = GroundParams { disparity_sigma_px: 0.3, ..GroundParams::default() };
+    let ground = find_ground(&disparity, &geometry, &looking).expect("parameters");
+    let plane = ground.as_ref().ok();
+    let obstacles = find_obstacles(&disparity, &geometry, plane, &regions(), &finding).expect("parameters");
+    let mut tracks = Vec::new();
+    Tracker::new(TrackParams::default())
+        .and_then(|mut t| t.update(obstacles.iter().map(Detection::from), 1_000, None, &mut tracks))
+        .expect("parameters");
+    let mut scan = Scan::default();
+    let scanning = ScanParams { disparity_sigma_px: 0.3, ..ScanParams::default() };
+    Scanner::default().scan(&disparity, &geometry, plane, None, &scanning, &mut scan).expect("parameters");
     let options = AlignmentOptions { num_disparities: 48, ..AlignmentOptions::default() };
     let mut meter = AlignmentMeter::new(options).expect("options");
     let alignment = meter.measure(left, right, None, None).expect("one size").clone();
     assert!(obstacles.iter().any(|o| (o.depth_m - 2.0).abs() < 0.05), "the board: {obstacles:?}");
+    assert!((plane.expect("the floor").camera_height_m - 0.5).abs() < 0.02, "{ground:?}");
+    assert!(!tracks.is_empty() && !scan.is_empty());
     assert!(alignment.median_px < 0.1, "{alignment:?}");
     let expected = FrameResult {
         seq: 17,
@@ -161,7 +180,10 @@ fn aligned_pairs_pass_through_every_stage() {
         disparity,
         range,
         profiles,
+        ground,
         obstacles,
+        tracks,
+        scan,
         alignment: Some(alignment),
         ..got.clone()
     };
@@ -203,6 +225,8 @@ fn raw_pairs_are_equalised_and_rectified_first() {
 #[test]
 fn frames_do_not_remember_each_other() {
     let geometry = geometry();
+    // The ground and tracks are meant to remember.
+    let params = || PipelineParams { ground: None, tracks: None, ..params() };
     let mut warm = Pipeline::for_aligned(geometry, regions(), params()).expect("parameters");
     for seed in [1, 2, 1] {
         let images = photograph(&world(), &geometry, seed);
@@ -230,6 +254,29 @@ fn a_warm_pipeline_does_not_allocate() {
         pipeline.process(pair(&images)).expect("sizes agree");
         assert_eq!(ALLOCATIONS.get() - before, 0, "allocations in a warm frame");
     }
+}
+
+#[test]
+fn only_regions_are_matched_where_nothing_else_is_asked_for() {
+    let geometry = geometry();
+    let images = photograph(&world(), &geometry, 1);
+    let all = vec![Region::new("middle", 60, 90, 200, 60)];
+    let process = |only_regions| {
+        let params = PipelineParams { only_regions, ..params() };
+        let mut pipeline = Pipeline::for_aligned(geometry, all.clone(), params).expect("parameters");
+        pipeline.process(pair(&images)).expect("sizes agree").clone()
+    };
+    let (whole, only) = (process(false), process(true));
+    assert_eq!(format!("{:?}", only.profiles), format!("{:?}", whole.profiles));
+    for y in 0..HEIGHT {
+        for x in 0..WIDTH {
+            let inside = (60..260).contains(&x) && (90..150).contains(&y);
+            assert_eq!(only.disparity.at(x, y), whole.disparity.at(x, y).filter(|_| inside), "({x}, {y})");
+        }
+    }
+    let nowhere = PipelineParams { only_regions: true, ..params() };
+    let error = Pipeline::for_aligned(geometry, vec![], nowhere).expect_err("no region").to_string();
+    assert!(error.contains("only_regions = true"), "{error}");
 }
 
 #[test]

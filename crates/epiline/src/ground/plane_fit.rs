@@ -82,6 +82,7 @@ pub(super) fn refit(start: DisparityPlane, samples: &[Sample], sigma_px: f64) ->
     let mut covariance = Matrix3::zeros();
     for _ in 0..ROUNDS {
         let mut normal = Matrix3::zeros();
+        let mut squared = Matrix3::zeros();
         let mut right_side = Vector3::zeros();
         for sample in samples {
             let share = (f64::from(sample.seen_px) - plane.at(sample)) / tolerance_px;
@@ -89,15 +90,18 @@ pub(super) fn refit(start: DisparityPlane, samples: &[Sample], sigma_px: f64) ->
             if inside <= 0.0 {
                 continue;
             }
-            let weight = inside * inside;
+            // The nearer, the more it counts: what the camera stands on is near, a ramp may begin ahead.
+            let weight = inside * inside * f64::from(sample.seen_px);
             let row = Vector3::new(f64::from(sample.u), f64::from(sample.v), 1.0);
             let weighted = weight * row;
             normal += weighted * row.transpose();
+            squared += weighted * weighted.transpose();
             right_side += weighted * f64::from(sample.seen_px);
         }
         let factor = normal.cholesky()?;
         plane = DisparityPlane::from_vector(factor.solve(&right_side));
-        covariance = factor.inverse() * (ALIKE * sigma_px * sigma_px);
+        let inverse = factor.inverse();
+        covariance = inverse * squared * inverse * (ALIKE * sigma_px * sigma_px);
     }
     Some(FittedPlane { plane, covariance })
 }

@@ -30,11 +30,13 @@ const APART_ACROSS: f32 = 0.15;
 /// What holds a plane to the samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Held {
-    /// Samples on it, each weighted by how near it is.
+    /// Samples on it, each weighted by how near it is to the plane, and by its disparity: what the camera stands on is
+    /// near, a ramp ahead may be larger.
     pub on: f64,
     /// Samples on it, counted.
     pub count: usize,
-    /// Samples below it.
+    /// Samples below it, with the same weight, and counted.
+    pub under: f64,
     pub below: usize,
     /// Samples where the plane is seen, on it or not.
     pub looked_at: usize,
@@ -42,7 +44,7 @@ pub(super) struct Held {
 
 impl Held {
     fn score(&self) -> f64 {
-        self.on - self.below as f64
+        self.on - self.under
     }
 }
 
@@ -108,7 +110,7 @@ pub(super) fn held(plane: &DisparityPlane, samples: &[Sample], tolerance_px: f64
     let (by_u, by_v, at_center) = (plane.by_u as f32, plane.by_v as f32, plane.at_center as f32);
     let per_tolerance = 1.0 / tolerance_px as f32;
     let mut held = Held::default();
-    let mut on = 0.0;
+    let (mut on, mut under) = (0.0, 0.0);
     for sample in samples {
         let plane_px = by_u * sample.u + by_v * sample.v + at_center;
         let share = (sample.seen_px - plane_px) * per_tolerance;
@@ -116,13 +118,17 @@ pub(super) fn held(plane: &DisparityPlane, samples: &[Sample], tolerance_px: f64
         // Near the horizon nothing can be told apart from what is far.
         let below_horizon = plane_px > 1.0;
         if below_horizon {
-            on += inside;
+            on += inside * plane_px;
         }
         held.looked_at += usize::from(below_horizon);
         held.count += usize::from(below_horizon && inside > 0.0);
-        held.below += usize::from(share < -1.5);
+        let is_below = share < -1.5;
+        if is_below {
+            under += plane_px;
+        }
+        held.below += usize::from(is_below);
     }
-    held.on = f64::from(on);
+    (held.on, held.under) = (f64::from(on), f64::from(under));
     held
 }
 

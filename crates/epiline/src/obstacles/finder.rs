@@ -141,7 +141,7 @@ impl ObstacleFinder {
         self.form_clusters();
         for index in 0..self.clusters.len() {
             self.outline(index);
-            self.cut(geometry);
+            self.cut(geometry, params);
             for index in 0..self.parts.len() {
                 let (begin, end) = self.parts[index];
                 let (peaks, points) = (&self.nearest[begin..end], &self.points[begin..end]);
@@ -251,7 +251,7 @@ impl ObstacleFinder {
     }
 
     /// Where the outline is cut into parts: first and end of each.
-    fn cut(&mut self, geometry: &RectifiedGeometry) {
+    fn cut(&mut self, geometry: &RectifiedGeometry, params: &ObstacleParams) {
         self.outliner.find_corners(&self.points, CORNER_PX);
         self.outliner.fit(&self.points, &mut self.fitted_px);
         self.parts.clear();
@@ -261,7 +261,9 @@ impl ObstacleFinder {
             let (before, at) = (corners[corner - 1], corners[corner]);
             let rise_px = (self.fitted_px[corner] - self.fitted_px[corner - 1]).abs();
             let across = self.points[at].x - self.points[before].x;
-            if rise_px * STEEPEST_M > geometry.baseline_m * across {
+            let depths_m = [corner - 1, corner].map(|corner| geometry.depth_m(self.fitted_px[corner]));
+            let gap_m = (depths_m[0] - depths_m[1]).abs();
+            if rise_px * STEEPEST_M > geometry.baseline_m * across && gap_m > params.range_gap_m {
                 // Between two surfaces, not one.
                 if before > begin {
                     self.parts.push((begin, before));

@@ -199,7 +199,7 @@ pub struct Obstacle {
     pub region: Arc<str>,
     /// Names of all regions it stands in, in their order.
     pub regions: Vec<Arc<str>>,
-    /// Where it is seen: all its columns, and the rows that 95 % of them do not reach beyond.
+    /// Where it is seen: all its columns, and the rows that three quarters of them do not reach beyond.
     pub bounds: PixelBox,
     /// Euclidean range of its nearest point, metres, as its outline over all columns has it.
     pub range_m: f64,
