@@ -112,7 +112,8 @@ fn boxes_and_poles_are_found_and_nothing_else() {
     eprintln!("precision {precision} recall {recall} of {boards} boards, bias {bias}");
     assert!(boards > 120);
     assert!(precision >= 0.97 && recall >= 0.95, "precision {precision} recall {recall} of {boards} boards");
-    assert!(bias.abs() < 0.005, "depth is off by {bias} in the mean");
+    // Without a ground the floor at its foot, a little nearer, is taken for a part of a thing.
+    assert!(bias.abs() < 0.008, "depth is off by {bias} in the mean");
 }
 
 #[test]
@@ -220,6 +221,7 @@ fn find_over_floor(world: &World, flaws: Flaws, seed: u64, params: &ObstaclePara
 #[test]
 fn over_a_floor_boxes_poles_and_kerbs_are_found_and_nothing_else() {
     let (mut asked, mut found, mut reports, mut right) = (0, 0, 0, 0);
+    let mut errors = Vec::new();
     for seed in 0..60 {
         let mut world = random_world(seed);
         // Every other world has a kerb of 8 cm across a part of its way.
@@ -235,6 +237,7 @@ fn over_a_floor_boxes_poles_and_kerbs_are_found_and_nothing_else() {
         for obstacle in &got {
             let above_m = obstacle.height_above_ground_m.expect("a ground");
             if let Some(board) = world.boards.iter().find(|board| is(obstacle, board)) {
+                errors.push(obstacle.depth_m / board.z - 1.0);
                 let limit_m = 3.0 * board.z / 300.0 + 0.02;
                 // What the image shows of it.
                 let top = board.top.max(-118.6 * board.z / 300.0);
@@ -244,6 +247,8 @@ fn over_a_floor_boxes_poles_and_kerbs_are_found_and_nothing_else() {
     }
     let (precision, recall) = (right as f64 / reports as f64, found as f64 / asked as f64);
     assert!(precision >= 0.97 && recall >= 0.95, "precision {precision} recall {recall} of {asked} boards");
+    let bias = errors.iter().sum::<f64>() / errors.len() as f64;
+    assert!(bias.abs() < 0.005, "depth is off by {bias} in the mean");
 }
 
 #[test]

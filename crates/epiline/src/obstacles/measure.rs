@@ -10,8 +10,8 @@ use crate::range::depth_sigma_m;
 use crate::rectification::RectifiedGeometry;
 use crate::regions::Region;
 
-/// Corners closer to a line than this are no corners of a part, px: less than in cutting, since a part is measured.
-const CORNER_PX: f64 = 0.45;
+/// Corners closer to a line than this are no corners of a part, px.
+const CORNER_PX: f64 = 0.6;
 /// Neighbouring columns share errors: so many count as one.
 const ALIKE_COLUMNS: f64 = 6.0;
 /// What averaging cannot remove of a disparity's error, as a share of its deviation: matchers prefer some fractions of
