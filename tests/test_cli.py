@@ -102,6 +102,27 @@ def test_run_writes_a_json_line_per_frame(rendered: Path, capsys: pytest.Capture
         assert len(line["regions"]) == 4
         assert abs(line["alignment"]["median_px"]) < 0.5
         assert all(o["range_m"] > 0 and o["sigma_m"] > 0 for o in line["obstacles"])
+        assert set(line["scan"]["seen"]) <= set("o.?")
+        assert len(line["scan"]["free_to_m"]) == len(line["scan"]["seen"])
+        assert "camera_height_m" in line["ground"] or "reason" in line["ground"]
+    # Two frames confirm nothing, but what was seen in both has one id.
+    first, second = ({track["id"] for track in line["tracks"]} for line in lines)
+    assert not any(track["confirmed"] for line in lines for track in line["tracks"])
+    assert bool(lines[0]["obstacles"]) == bool(first & second)
+
+
+def test_run_draws_pictures_and_a_video(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "run.toml"
+    config.write_text("[mounting]\nheight_m = 0.5\n[scan]\nmax_range_m = 6\n[tracks]\nenabled = false\n")
+    pictures, video = tmp_path / "pictures", tmp_path / "run.avi"
+    run = ("run", rendered / "drive", "--rig", rendered / "rig.yaml", "--config", config)
+    text = output(capsys, *run, "--pictures", pictures, "--video", video, "--fps", 5)
+    assert f"wrote {video}" in text
+    assert len(list(pictures.iterdir())) == 2
+    assert video.stat().st_size > 0
+    (line, _) = map(json.loads, output(capsys, *run, "--json").splitlines())
+    assert line["tracks"] == []
+    assert line["scan"]["max_range_m"] == 6
 
 
 def test_run_obeys_its_configuration(rendered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -125,6 +146,14 @@ def test_run_obeys_its_configuration(rendered: Path, tmp_path: Path, capsys: pyt
         ("[matcher]\nblock_size = 8", "block_size = 8"),
         ("[pipeline]\nequalize = 1", "pipeline.equalize = 1 is not a bool"),
         ("[pipelin]", "unknown table 'pipelin'"),
+        ("pipeline = 3", "pipeline is not a table"),
+        ("[mounting]\nx_m = 1", "mounting.height_m is missing"),
+        ("[mounting]\nheight_m = -1", "mounting: robot_from_camera"),
+        ("[mounting]\nheight_m = true", "mounting.height_m = True is not a float"),
+        ("[ground]\nheight_m = 1", "ground.height_m is unknown"),
+        ("[scan]\nstep_m = 0", "scan: step_m = 0 m"),
+        ("[scan]\nmin_support = 1.5", "scan.min_support = 1.5 is not a int"),
+        ("[tracks]\ngate_probability = 2", "tracks: gate_probability = 2"),
         ("[[regions]]\nname = 'a'", "region 1 'a': must have exactly one of"),
         ("[[regions]]\nx = 1", "region 1: must be a table with a name"),
         ("[regions]\na = 'paper'\nb = 'paper'", "several sets of regions; choose one of a, b"),

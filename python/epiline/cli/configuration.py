@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from epiline._core import Mounting, Region, RobotFromCamera, Scanner, StereoMatcher, Tracker
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from epiline._core import (
+    Mounting,
+    RectifiedGeometry,
+    Rectifier,
+    Region,
+    RobotFromCamera,
+    Scanner,
+    StereoCalibration,
+    StereoMatcher,
+    Tracker,
+)
+from epiline._regions import RegionSet, choose_set, read_toml, region_sets
 
 _PIPELINE = {
     "equalize": bool,
@@ -41,7 +46,7 @@ _TRACKS = {
     **dict.fromkeys(("velocity_walk_mps", "initial_velocity_mps", "bearing_sigma_rad", "extent_share"), float),
     **dict.fromkeys(("gate_probability", "max_gap_s"), float),
 }
-_TABLES = ("matcher", "pipeline", "mounting", "ground", "scan", "tracks", "regions")
+_TABLES = ("matcher", "pipeline", "mounting", "ground", "scan", "tracks", "regions", "camera")
 
 
 @dataclass(frozen=True)
@@ -54,17 +59,24 @@ class Configuration:
     ground: dict[str, Any] = field(default_factory=dict)
     scan: dict[str, Any] = field(default_factory=dict)
     tracks: dict[str, Any] = field(default_factory=dict)
-    regions: tuple[Region, ...] = ()
+    regions: RegionSet | None = None
+
+    def regions_for(self, rig: StereoCalibration | RectifiedGeometry) -> list[Region] | None:
+        """The regions as that rig's aligned left image shows them; None where the file is silent."""
+        if self.regions is None:
+            return None
+        return self.regions.place(geometry=Rectifier(rig).geometry if isinstance(rig, StereoCalibration) else rig)
 
 
 def read_configuration(path: Path) -> Configuration:
     """Reads and checks a configuration.
 
     The tables are ``[matcher]`` (parameters of :class:`epiline.StereoMatcher`), ``[pipeline]`` (options of
-    :class:`epiline.Pipeline`), ``[mounting]`` (:class:`epiline.RobotFromCamera`: where the camera is on the robot),
-    ``[ground]`` (``enabled``, and how far the ground may be from what the mounting says), ``[scan]`` (``enabled``, and
-    parameters of :class:`epiline.Scanner`), ``[tracks]`` (``enabled``, and parameters of :class:`epiline.Tracker`), and
-    any number of ``[[regions]]`` (name, x, y, width, height in pixels).
+    :class:`epiline.Pipeline`; ``regions`` names one of several sets), ``[mounting]``
+    (:class:`epiline.RobotFromCamera`: where the camera is on the robot), ``[ground]`` (``enabled``, and how far the
+    ground may be from what the mounting says), ``[scan]`` (``enabled``, and parameters of :class:`epiline.Scanner`),
+    ``[tracks]`` (``enabled``, and parameters of :class:`epiline.Tracker`), and regions with their ``[camera]`` as
+    :func:`epiline.read_region_sets` describes them.
 
     Raises
     ------
@@ -73,10 +85,7 @@ def read_configuration(path: Path) -> Configuration:
     ValueError
         It is no TOML, or an entry is unknown or of the wrong type or out of range; the message names file and entry.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: {error}") from error
+    content = read_toml(path)
     unknown = set(content) - set(_TABLES)
     if unknown:
         expected = f"{', '.join(_TABLES[:-1])} or {_TABLES[-1]}"
@@ -84,6 +93,11 @@ def read_configuration(path: Path) -> Configuration:
     mounting = _table(path, content, "mounting", _MOUNTING)
     if mounting and "height_m" not in mounting:
         raise ValueError(f"{path}: mounting.height_m is missing")
+    table = content.get("pipeline")
+    chosen = table.pop("regions", None) if isinstance(table, dict) else None
+    if chosen is not None and not isinstance(chosen, str):
+        raise ValueError(f"{path}: pipeline.regions = {chosen!r} is not the name of a set of regions")
+    sets = region_sets(content, str(path)) if "regions" in content else {}
     configuration = Configuration(
         matcher=_matcher(path, content.get("matcher", {})),
         pipeline=_table(path, content, "pipeline", _PIPELINE),
@@ -91,7 +105,7 @@ def read_configuration(path: Path) -> Configuration:
         ground=_table(path, content, "ground", _GROUND),
         scan=_table(path, content, "scan", _SCAN),
         tracks=_table(path, content, "tracks", _TRACKS),
-        regions=tuple(_region(path, i, entry) for i, entry in enumerate(content.get("regions", []), start=1)),
+        regions=choose_set(sets, chosen, str(path)) if sets or chosen is not None else None,
     )
     for name, make in (("mounting", robot_from_camera), ("scan", scanner), ("tracks", tracker)):
         _check(path, name, make, configuration)
@@ -160,13 +174,3 @@ def _table(path: Path, content: Mapping[str, Any], title: str, kinds: Mapping[st
         if not fits or (kind is not bool and isinstance(value, bool)):
             raise ValueError(f"{path}: {title}.{name} = {value!r} is not a {kind.__name__}")
     return table
-
-
-def _region(path: Path, number: int, entry: Any) -> Region:
-    names = ("name", "x", "y", "width", "height")
-    if not isinstance(entry, dict) or set(entry) != set(names):
-        raise ValueError(f"{path}: region {number} must have exactly {', '.join(names)}")
-    for name in names[1:]:
-        if not isinstance(entry[name], int) or isinstance(entry[name], bool) or entry[name] < 0:
-            raise ValueError(f"{path}: region {number}: {name} = {entry[name]!r} is not a whole number of pixels")
-    return Region(str(entry["name"]), x=entry["x"], y=entry["y"], width=entry["width"], height=entry["height"])

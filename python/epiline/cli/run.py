@@ -128,7 +128,7 @@ def make_pipeline(
     return Pipeline(
         rig,
         matcher=matcher,
-        regions=config.regions or None,
+        regions=config.regions_for(rig),
         ground=config.ground.get("enabled", True),
         mounting=ground_prior(config),
         robot_from_camera=robot_from_camera(config),

@@ -9,10 +9,11 @@ from markupsafe import Markup
 
 from epiline._pictures import Limits, grey_level_disparity
 from epiline.report import figures
-from epiline.report.charts import Axis, Band, Line, SecondAxis, histogram, limits_of, line_chart
+from epiline.report.charts import SecondAxis, histogram
 from epiline.report.model import FrameSection, FrameTruth
 from epiline.report.numbers import ABSENT, number, percent, plus_minus, quantity, relative_error, signed_percent
-from epiline.report.protocols import AlignmentLike, Floats, GeometryLike, ObstacleLike, ProfileLike, ScanLike, TrackLike
+from epiline.report.profile_charts import range_chart, value_axis, value_chart
+from epiline.report.protocols import AlignmentLike, Floats, ObstacleLike, ProfileLike, ScanLike, TrackLike
 from epiline.report.reasons import REASONS, has_value
 from epiline.report.recorder import total_ms
 from epiline.report.top_view import top_view
@@ -159,7 +160,7 @@ def frame_view(frame: FrameSection, *, limits_px: Limits, max_pixels: int) -> Fr
         reason_rows=_reason_rows(frame),
         regions_on_map=on_map,
         regions_on_photograph=on_photograph,
-        regions=[_region(profile, frame.geometry, limits_px, frame.truth) for profile in frame.profiles],
+        regions=[_region(profile, limits_px, frame.truth) for profile in frame.profiles],
         obstacles=figures.obstacle_figure(left, frame.obstacles, title="Obstacles on the left view"),
         obstacle_rows=[_obstacle(o, frame.truth) for o in sorted(frame.obstacles, key=_by_range)],
         missed=[] if frame.truth is None else list(frame.truth.missed),
@@ -234,14 +235,10 @@ def _reason_rows(frame: FrameSection) -> list[ReasonRow]:
     return rows
 
 
-def _region(
-    profile: ProfileLike, geometry: GeometryLike | None, limits_px: Limits, truth: FrameTruth | None
-) -> RegionView:
+def _region(profile: ProfileLike, limits_px: Limits, truth: FrameTruth | None) -> RegionView:
     region = profile.region
-    columns = np.arange(region.x, region.x + region.width, dtype=np.float64)
     known = truth or FrameTruth()
     range_truth_m = known.region_range_m.get(region.name)
-    ranges_m = profile.nearest_range_m
     facts = [
         ("nearest range", plus_minus(profile.range_m, profile.sigma_m, "m")),
         ("minimum", quantity(profile.minimum, "px")),
@@ -254,66 +251,24 @@ def _region(
             ("true nearest range", quantity(range_truth_m, "m", 3)),
             ("error", signed_percent(relative_error(profile.range_m, range_truth_m))),
         ]
-    range_chart = None
-    if ranges_m is not None and geometry is not None:
-        truth_m = known.column_range_m.get(region.name)
-        range_chart = _range_chart(region.name, np.asarray(ranges_m, np.float64), columns, truth_m)
     return RegionView(
         name=region.name,
         box=f"columns {region.x}–{region.x + region.width - 1}, rows {region.y}–{region.y + region.height - 1}",
-        value_chart=_value_chart(profile, columns, limits_px, known.column_disparity_px.get(region.name)),
-        range_chart=range_chart,
+        value_chart=_value_chart(profile, limits_px, known.column_disparity_px.get(region.name)),
+        range_chart=range_chart(profile, truth_m=known.column_range_m.get(region.name)),
         facts=facts,
         supported=bool(np.isfinite(profile.nearest_px).any()),
     )
 
 
-def _column_axis(columns: Floats) -> Axis:
-    return Axis(label="column, px", limits=(float(columns[0]) - 0.5, float(columns[-1]) + 0.5), ticks=7)
-
-
-def _value_chart(profile: ProfileLike, columns: Floats, limits_px: Limits, truth_px: Floats | None) -> Markup:
-    nearest, median, low, high = (
-        np.asarray(values, np.float64)
-        for values in (profile.nearest_px, profile.median_px, profile.minimum_px, profile.maximum_px)
-    )
-    bottom, top = limits_of(nearest, median, include=limits_px)
-    axis = Axis(label="disparity, px", limits=(bottom, top))
+def _value_chart(profile: ProfileLike, limits_px: Limits, truth_px: Floats | None) -> Markup:
+    axis = value_axis(profile, include=limits_px)
+    bottom, top = axis.limits
     levels = [level for level in (50, 100, 150, 200, 255) if bottom <= grey_level_disparity(level, limits_px) <= top]
-    lines = [
-        Line(name="median", x=columns, y=median, tone="c3"),
-        Line(name="nearest supported", x=columns, y=nearest, tone="c0", keep="max"),
-    ]
-    if truth_px is not None:
-        lines.append(Line(name="truth", x=columns, y=np.asarray(truth_px, np.float64), tone="truth", keep="max"))
-    return line_chart(
-        title=f"Region {profile.region.name}: pixel value against column",
-        x=_column_axis(columns),
-        y=axis,
-        bands=[Band(name="min to max", x=columns, low=low, high=high, tone="c0")],
-        lines=lines,
-        second=SecondAxis(
-            label="grey level", ticks=[(grey_level_disparity(level, limits_px), str(level)) for level in levels]
-        ),
-        empty="no column has enough support",
+    grey = SecondAxis(
+        label="grey level", ticks=[(grey_level_disparity(level, limits_px), str(level)) for level in levels]
     )
-
-
-def _range_chart(name: str, ranges_m: Floats, columns: Floats, truth_m: Floats | None) -> Markup:
-    lines = [Line(name="nearest supported", x=columns, y=ranges_m, tone="c2", keep="min")]
-    shown = [ranges_m]
-    if truth_m is not None:
-        known = np.asarray(truth_m, np.float64)
-        lines.append(Line(name="truth", x=columns, y=known, tone="truth", keep="min"))
-        shown.append(known)
-    return line_chart(
-        title=f"Region {name}: range against column",
-        x=_column_axis(columns),
-        # The far background of a few columns would press everything near onto the axis.
-        y=Axis(label="range, m", limits=limits_of(*shown, include=(0.0,), upper_share=0.95)),
-        lines=lines,
-        empty="no column has enough support",
-    )
+    return value_chart(profile, axis=axis, second=grey, truth_px=truth_px)
 
 
 def _obstacle(obstacle: ObstacleLike, truth: FrameTruth | None) -> ObstacleRow:
