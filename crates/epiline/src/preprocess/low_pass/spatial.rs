@@ -33,8 +33,8 @@ const ENOUGH_BLUR: f64 = 1.9;
 const REACH: f64 = 4.3;
 /// What a convolution may leave out, as a share of the largest pixel.
 const NEGLIGIBLE: f64 = 1e-5;
-/// Products for a pixel that taking samples apart and together again costs as much as.
-const OF_CHANGE: f64 = 12.0;
+/// Products for a pixel that it costs as much as to take the samples of a row apart, and to put them together again.
+const APART: f64 = 12.0;
 /// Beyond so many products for a pixel and axis the Fourier transform is not much slower.
 const MAX_PRODUCTS: f64 = 96.0;
 
@@ -51,7 +51,7 @@ pub(super) struct SpatialFilter {
 impl SpatialFilter {
     /// `None` where it would not be fast: too little blur, or too few divisors of a side.
     pub fn new(width: usize, height: usize, sigma: f64) -> Option<Self> {
-        let (rows, columns) = (Axis::new(width, sigma)?, Axis::new(height, sigma)?);
+        let (rows, columns) = (Axis::new(width, sigma, APART)?, Axis::new(height, sigma, 0.0)?);
         let few = height / columns.step;
         Some(Self {
             kernels: Kernels::new(Level::current()),
@@ -95,8 +95,8 @@ struct Axis {
 }
 
 impl Axis {
-    /// The cheapest way; `None` if that is dear.
-    fn new(len: usize, sigma: f64) -> Option<Self> {
+    /// The cheapest way; `None` if that is dear. `apart` is what leaving out samples costs besides, in products.
+    fn new(len: usize, sigma: f64, apart: f64) -> Option<Self> {
         let blur_px = len as f64 / (TAU * sigma);
         let limit = (blur_px / ENOUGH_BLUR).min(len as f64) as usize;
         let steps = (1..=limit.max(1)).filter(|step| len.is_multiple_of(*step));
@@ -105,7 +105,7 @@ impl Axis {
         [1, most]
             .map(|step| Self::with_step(len, sigma, step))
             .into_iter()
-            .map(|axis| (axis.products(), axis))
+            .map(|axis| (axis.products(apart), axis))
             .min_by(|one, other| one.0.total_cmp(&other.0))
             .filter(|(products, _)| *products <= MAX_PRODUCTS)
             .map(|(_, axis)| axis)
@@ -124,9 +124,9 @@ impl Axis {
     }
 
     /// Products for a pixel, about.
-    fn products(&self) -> f64 {
-        let of_guard = self.guard.as_ref().map_or(0, Vec::len) as f64;
-        let change = if self.guard.is_some() { OF_CHANGE + 2.0 * of_guard / self.step as f64 } else { 0.0 };
+    fn products(&self, apart: f64) -> f64 {
+        let of_guard = |guard: &Vec<f32>| apart + 2.0 * guard.len() as f64 / self.step as f64;
+        let change = self.guard.as_ref().map_or(0.0, of_guard);
         change + self.middle.len() as f64 / self.step as f64
     }
 
