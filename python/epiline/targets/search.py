@@ -46,7 +46,7 @@ def find_boards(
         A ChArUco board may be in sight in part, and in a different part for each camera.
     corner_half_window : int, optional
         Half the side of the window in which a chessboard's corner is refined, px. By default it follows the board in
-        each view. ChArUco corners have a window of their own that keeps clear of the markers.
+        each view. ChArUco corners have windows of their own, limited by the markers.
     threads : int, optional
         All cores by default; the environment's EPILINE_THREADS caps them.
     cache : path, optional
