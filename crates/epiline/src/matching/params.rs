@@ -85,8 +85,8 @@ pub struct MatcherParams {
     pub speckle_size: usize,
     /// Neighbours belong to one island if their disparities differ by no more than this, px.
     pub speckle_range: u16,
-    /// Refine to 1/16 px from the costs of both neighbours, by which fit. [`Subpixel::VFit`] is the better one for every
-    /// method (`docs/methods.md`).
+    /// Refine to 1/16 px from the costs of both neighbours, by which fit. [`Subpixel::VFit`] is as good as the
+    /// other or better with every method (`docs/methods.md`).
     pub subpixel: Subpixel,
     /// [`Method::Sad`]: weight of semi-global costs from half the resolution, which are added to the window's and guide
     /// it where it has little texture of its own; 0 (off) to 25 % of their sums per pixel of the window. They need

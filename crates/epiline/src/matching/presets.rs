@@ -34,11 +34,12 @@ impl Preset {
             speckle_range: 1,
             prefilter_cap: 23,
             p1: 28,
+            p2: 90,
             ..MatcherParams::for_method(Method::Sgm)
         };
         match self {
             Self::Fast => MatcherParams::with_all_tests(),
-            Self::Balanced => MatcherParams { paths: 3, uniqueness_ratio: 12, speckle_size: 200, ..sgm },
+            Self::Balanced => MatcherParams { paths: 3, p2: 70, uniqueness_ratio: 8, speckle_size: 200, ..sgm },
             // What is not unique is filled better by its own value than by its neighbours'.
             Self::Accurate => MatcherParams { speckle_size: 400, smooth: true, ..sgm },
         }
