@@ -5,7 +5,9 @@ mod guarded;
 
 use epiline::kernels::alignment::corners::{GradientRow, HalveRow, MaximaRow, RADIUS, StrengthRow, WINDOW};
 use epiline::kernels::alignment::patches::{Correlate, PatchSums};
-use epiline::kernels::alignment::registration::{COLUMNS, Gram, Interpolate, Levels, Project, ROWS, TAPS};
+use epiline::kernels::alignment::registration::{
+    COLUMNS, Gram, Interpolate, Levels, ModelColumns, Project, ROWS, TAPS,
+};
 use epiline::kernels::alignment::{LANES, SIDE};
 use epiline::kernels::{Kernels, Level};
 
@@ -228,6 +230,35 @@ fn interpolated_patches_are_weighted_sums() {
                     }
                 }
                 assert!(close(f32::from_bits(patch[y][x]), expected, 9000.0), "({x}, {y})");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_columns_of_a_model_are_the_patch_and_its_derivatives() {
+    let mut noise = Noise(7);
+    let (stride, half) = (LANES + 9, (SIDE / 2) as f64);
+    for extreme in [false, true] {
+        let image = noise.bytes(stride * (SIDE + 2), extreme);
+        let columns = same_everywhere("model columns", |kernels| {
+            let mut columns: [Levels; COLUMNS] = [[[f32::NAN; LANES]; SIDE]; COLUMNS];
+            kernels.model_columns(&mut ModelColumns { image: &image, stride, columns: &mut columns });
+            columns.map(|column| column.map(|row| row.map(f32::to_bits)))
+        });
+        let level = |x: usize, y: usize| f64::from(image[y * stride + x]);
+        let mean =
+            (0..SIDE * SIDE).map(|i| level(i % SIDE + 1, i / SIDE + 1)).sum::<f64>() / (SIDE * SIDE) as f64;
+        for y in 0..SIDE {
+            for x in 0..LANES {
+                let (dx, dy) = ((x as f64 - half) / half, (y as f64 - half) / half);
+                let along_x = (level(x + 2, y + 1) - level(x, y + 1)) / 2.0;
+                let along_y = (level(x + 1, y + 2) - level(x + 1, y)) / 2.0;
+                let inside = [along_x, along_y, level(x + 1, y + 1) - mean, 1.0, dx * along_x, dy * along_x];
+                for (column, inside) in columns.iter().zip(inside) {
+                    let expected = if x < SIDE { inside } else { 0.0 };
+                    assert!(close(f32::from_bits(column[y][x]), expected, 255.0), "({x}, {y})");
+                }
             }
         }
     }

@@ -21,7 +21,7 @@ pub use level::{Level, simd_level};
 
 use alignment::corners::{GradientRow, HalveRow, MaximaRow, StrengthRow};
 use alignment::patches::{Correlate, PatchSums};
-use alignment::registration::{Gram, Interpolate, Project};
+use alignment::registration::{Gram, Interpolate, ModelColumns, Project};
 use coarse::RefineRow;
 use floor::FloorRow;
 use islands::BreaksRow;
@@ -113,6 +113,7 @@ pub struct Kernels {
     maxima: kernel!(MaximaRow),
     patch_sums: kernel!(PatchSums),
     correlate: kernel!(Correlate),
+    model_columns: kernel!(ModelColumns),
     interpolate: kernel!(Interpolate),
     project: kernel!(Project),
     gram: kernel!(Gram),
@@ -157,6 +158,7 @@ impl Kernels {
             maxima: alignment::corners::maxima_row,
             patch_sums: alignment::patches::patch_sums,
             correlate: alignment::patches::correlate,
+            model_columns: alignment::registration::model_columns,
             interpolate: alignment::registration::interpolate,
             project: alignment::registration::project,
             gram: alignment::registration::gram,
@@ -198,6 +200,7 @@ impl Kernels {
                     maxima: alignment::corners::maxima::avx512,
                     patch_sums: alignment::patches::sums::avx512,
                     correlate: alignment::patches::products::avx512,
+                    model_columns: alignment::registration::columns::avx512,
                     interpolate: alignment::registration::interpolated::avx512,
                     project: alignment::registration::projected::avx512,
                     gram: alignment::registration::products::avx512,
@@ -239,6 +242,7 @@ impl Kernels {
                     maxima: alignment::corners::maxima::avx2,
                     patch_sums: alignment::patches::sums::avx2,
                     correlate: alignment::patches::products::avx2,
+                    model_columns: alignment::registration::columns::avx2,
                     interpolate: alignment::registration::interpolated::avx2,
                     project: alignment::registration::projected::avx2,
                     gram: alignment::registration::products::avx2,
@@ -536,6 +540,15 @@ impl Kernels {
         call.check();
         // SAFETY: the table's level proves the instructions.
         unsafe { (self.correlate)(call) }
+    }
+
+    /// The columns of a patch's model.
+    ///
+    /// # Panics
+    /// If it does not lie inside; so too below.
+    pub fn model_columns(&self, call: &mut ModelColumns<'_>) {
+        // SAFETY: the table's level proves the instructions.
+        unsafe { (self.model_columns)(call) }
     }
 
     /// A patch between pixels.

@@ -13,6 +13,72 @@ pub const COLUMNS: usize = 6;
 /// Levels of a patch; lanes beyond [`SIDE`] have no meaning, but are finite.
 pub type Levels = [[f32; LANES]; SIDE];
 
+/// The columns of a model of how a patch changes, from the patch itself.
+///
+/// In this order, 0 beyond [`SIDE`] lanes: the derivatives along the row and down the column, by central differences; the
+/// levels less their mean; ones; and the derivative along the row times the distance from the middle column and from the
+/// middle row, in halves of the patch.
+#[derive(Debug)]
+pub struct ModelColumns<'a> {
+    /// Elements of the image from the pixel above and left of the patch on; of `SIDE + 2` rows, `LANES + 2` elements are
+    /// read.
+    pub image: &'a [u8],
+    /// Elements from one row to the next.
+    pub stride: usize,
+    /// Out.
+    pub columns: &'a mut [Levels; COLUMNS],
+}
+
+/// 1 in the lanes that count.
+const COUNTS: [f32; LANES] = {
+    let mut counts = [0.0; LANES];
+    let mut x = 0;
+    while x < SIDE {
+        counts[x] = 1.0;
+        x += 1;
+    }
+    counts
+};
+
+/// Distance of row or column `i` from the middle, in halves of the patch.
+#[inline(always)]
+fn from_middle(i: usize) -> f32 {
+    const HALF: f32 = (SIDE / 2) as f32;
+    (i as f32 - HALF) / HALF
+}
+
+#[inline(always)]
+pub(in crate::kernels) fn model_columns(call: &mut ModelColumns<'_>) {
+    const READ: usize = LANES + 2;
+    let mut rows = [[0f32; READ]; SIDE + 2];
+    let mut sums = [0f32; LANES];
+    for (y, row) in rows.iter_mut().enumerate() {
+        let source: &[u8; READ] = call.image[y * call.stride..].first_chunk().expect("a patch lies inside");
+        for x in 0..READ {
+            row[x] = f32::from(source[x]);
+        }
+        if (1..=SIDE).contains(&y) {
+            for x in 0..LANES {
+                sums[x] += COUNTS[x] * row[x + 1];
+            }
+        }
+    }
+    let mean = sum(&sums) / (SIDE * SIDE) as f32;
+    let [along_x, along_y, levels, ones, slope_x, slope_y] = &mut *call.columns;
+    for y in 0..SIDE {
+        let [above, here, below] = [&rows[y], &rows[y + 1], &rows[y + 2]];
+        for x in 0..LANES {
+            let derivative = COUNTS[x] * 0.5 * (here[x + 2] - here[x]);
+            along_x[y][x] = derivative;
+            along_y[y][x] = COUNTS[x] * 0.5 * (below[x + 1] - above[x + 1]);
+            levels[y][x] = COUNTS[x] * (here[x + 1] - mean);
+            ones[y][x] = COUNTS[x];
+            slope_x[y][x] = from_middle(x) * derivative;
+            slope_y[y][x] = from_middle(y) * derivative;
+        }
+    }
+}
+
 /// A patch between pixels: the weighted sum of [`TAPS`] neighbours in each direction.
 #[derive(Debug)]
 pub struct Interpolate<'a> {
@@ -115,6 +181,7 @@ fn sum(lanes: &[f32; LANES]) -> f32 {
     sums[0]
 }
 
+portable!(columns, model_columns, ModelColumns<'_>);
 portable!(interpolated, interpolate, Interpolate<'_>);
 portable!(projected, project, Project<'_>);
 portable!(products, gram, Gram<'_>);

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::image::{Image, ImageRef};
+use crate::image::ImageRef;
 use crate::kernels::Kernels;
 use crate::kernels::alignment::corners::{GradientRow, MaximaRow, RADIUS, StrengthRow, WINDOW};
 
@@ -39,7 +39,8 @@ pub(super) struct CornerDetector {
     /// Products of the gradients of the last [`WINDOW`] rows, and their sums down each column.
     products: Vec<[Vec<f32>; 3]>,
     columns: [Vec<f32>; 3],
-    strength: Image<f32>,
+    /// Strengths of the last three rows.
+    strength: [Vec<f32>; 3],
     marks: Vec<u8>,
     /// The strongest corners so far of every cell in a row of cells, strongest first.
     cells: Vec<Vec<Corner>>,
@@ -56,7 +57,7 @@ impl CornerDetector {
             kernels,
             products: Vec::new(),
             columns: Default::default(),
-            strength: Image::default(),
+            strength: Default::default(),
             marks: Vec::new(),
             cells: Vec::new(),
             found: Vec::new(),
@@ -70,8 +71,7 @@ impl CornerDetector {
         self.found.clear();
         self.row_starts.clear();
         if width > 2 * margin && height > 2 * margin {
-            self.measure_strength(image);
-            self.collect_maxima(valid, margin);
+            self.search(image, valid, margin);
         }
         self.row_starts.resize(height + 1, 0);
         let mut seen = 0;
@@ -81,20 +81,22 @@ impl CornerDetector {
         }
     }
 
-    /// Fills `strength` wherever the window and its gradients lie inside the image, and 0 elsewhere.
-    fn measure_strength(&mut self, image: ImageRef<'_, u8>) {
+    /// Strengths row by row, and the strongest maxima of every cell.
+    fn search(&mut self, image: ImageRef<'_, u8>, valid: Option<ImageRef<'_, u8>>, margin: usize) {
         let (width, height) = (image.width(), image.height());
-        self.strength.resize(width, height);
+        let cell_px = self.spread.cell_side_px(width, height);
+        let per_cell = self.spread.corners_per_cell(width, height);
+        self.cells.resize_with(self.cells.len().max(width.div_ceil(cell_px)), Vec::new);
+        self.cells.iter_mut().for_each(|cell| cell.reserve(per_cell));
+        self.marks.resize(width, 0);
         self.products.resize_with(WINDOW, Default::default);
-        for plane in self.products.iter_mut().flatten().chain(&mut self.columns) {
+        let planes = self.products.iter_mut().flatten().chain(&mut self.columns).chain(&mut self.strength);
+        for plane in planes {
             plane.clear();
             plane.resize(width, 0.0);
         }
-        for y in 0..height {
-            if y < WINDOW - RADIUS || y + WINDOW - RADIUS > height {
-                self.strength.row_mut(y).fill(0.0);
-            }
-        }
+        // A maximum needs the row below it, that the window of that row, and that the gradients' neighbours.
+        const BEHIND: usize = RADIUS + 1;
         for y in 1..height - 1 {
             self.kernels.gradient(&mut GradientRow {
                 above: image.row(y - 1),
@@ -104,46 +106,41 @@ impl CornerDetector {
                 columns: self.columns.each_mut().map(Vec::as_mut_slice),
             });
             if y >= WINDOW {
-                let strength = self.strength.row_mut(y - RADIUS);
-                strength[..RADIUS].fill(0.0);
-                strength[width - RADIUS..].fill(0.0);
                 let columns = self.columns.each_ref().map(Vec::as_slice);
+                let strength = &mut self.strength[(y - RADIUS) % 3];
                 self.kernels.strength(&mut StrengthRow { columns, strength });
+            }
+            if y >= BEHIND && (margin..height - margin).contains(&(y - BEHIND)) {
+                self.collect_maxima(y - BEHIND, valid, margin, per_cell, cell_px);
+                if (y - BEHIND + 1) % cell_px == 0 || y - BEHIND + 1 == height - margin {
+                    self.close_cells();
+                }
             }
         }
     }
 
-    /// Collects the strongest maxima of every cell.
-    fn collect_maxima(&mut self, valid: Option<ImageRef<'_, u8>>, margin: usize) {
-        let (width, height) = (self.strength.width(), self.strength.height());
-        let cell_px = self.spread.cell_side_px(width, height);
-        let per_cell = self.spread.corners_per_cell(width, height);
-        self.cells.resize_with(self.cells.len().max(width.div_ceil(cell_px)), Vec::new);
-        self.cells.iter_mut().for_each(|cell| cell.reserve(per_cell));
-        self.marks.resize(width, 0);
-        for y in margin..height - margin {
-            let [above, here, below] = [y - 1, y, y + 1].map(|y| self.strength.row(y));
-            self.kernels.maxima(&mut MaximaRow {
-                above,
-                here,
-                below,
-                least: MIN_STRENGTH,
-                marks: &mut self.marks,
-            });
-            for x in marked(&self.marks, margin..width - margin) {
-                let strength = here[x];
-                let cell = &mut self.cells[x / cell_px];
-                if cell.len() == per_cell && cell[per_cell - 1].strength >= strength {
-                    continue;
-                }
-                let rank = cell.iter().take_while(|stronger| stronger.strength >= strength).count();
-                if valid.is_none_or(|valid| is_valid_around(valid, x, y, margin)) {
-                    cell.truncate(per_cell - 1);
-                    cell.insert(rank, Corner { x: x as u16, y: y as u16, rank: 0, strength });
-                }
+    /// Collects the strongest maxima of a row.
+    fn collect_maxima(
+        &mut self,
+        y: usize,
+        valid: Option<ImageRef<'_, u8>>,
+        margin: usize,
+        per_cell: usize,
+        cell_px: usize,
+    ) {
+        let Self { strength, marks, kernels, cells, .. } = self;
+        let [above, here, below] = [y + 2, y, y + 1].map(|y| strength[y % 3].as_slice());
+        kernels.maxima(&mut MaximaRow { above, here, below, least: MIN_STRENGTH, marks });
+        for x in marked(marks, margin..here.len() - margin) {
+            let strength = here[x];
+            let cell = &mut cells[x / cell_px];
+            if cell.len() == per_cell && cell[per_cell - 1].strength >= strength {
+                continue;
             }
-            if (y + 1) % cell_px == 0 || y + 1 == height - margin {
-                self.close_cells();
+            let rank = cell.iter().take_while(|stronger| stronger.strength >= strength).count();
+            if valid.is_none_or(|valid| is_valid_around(valid, x, y, margin)) {
+                cell.truncate(per_cell - 1);
+                cell.insert(rank, Corner { x: x as u16, y: y as u16, rank: 0, strength });
             }
         }
     }

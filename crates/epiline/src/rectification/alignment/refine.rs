@@ -1,12 +1,12 @@
 //! Sub-pixel position of a left patch in the right image, by least squares.
 
-use nalgebra::{Cholesky, Const, SMatrix, SVector};
-
 use super::patch::HALF;
 use crate::image::ImageRef;
 use crate::kernels::Kernels;
 use crate::kernels::alignment::patches::AREA;
-use crate::kernels::alignment::registration::{COLUMNS, Gram, Interpolate, Levels, Project, TAPS};
+use crate::kernels::alignment::registration::{
+    COLUMNS, Gram, Interpolate, Levels, ModelColumns, Project, TAPS,
+};
 use crate::kernels::alignment::{LANES, SIDE};
 
 /// Farthest the refined position may lie from the whole pixel it started from, pixels.
@@ -27,8 +27,7 @@ const Y: usize = 1;
 const GAIN: usize = 2;
 const OFFSET: usize = 3;
 
-type Normal = SMatrix<f32, COLUMNS, COLUMNS>;
-type Unknowns = SVector<f32, COLUMNS>;
+type Unknowns = [f32; COLUMNS];
 
 /// A left patch `T`, ready to be located in the right image.
 ///
@@ -39,46 +38,67 @@ type Unknowns = SVector<f32, COLUMNS>;
 /// Baker & Matthews, 2004).
 struct Template {
     columns: [Levels; COLUMNS],
-    normal: Cholesky<f32, Const<COLUMNS>>,
+    normal: Cholesky,
 }
 
 impl Template {
     fn around(kernels: &Kernels, left: ImageRef<'_, u8>, x: usize, y: usize) -> Option<Self> {
         let mut columns = [[[0f32; LANES]; SIDE]; COLUMNS];
-        let [tx, ty, gain, offset, slope_x, slope_y] = &mut columns;
-        let mut total = 0;
-        for j in 0..SIDE {
-            let dy = (j as f32 - HALF as f32) / HALF as f32;
-            let row_at = |y: usize| -> &[u8; SIDE + 2] {
-                left.elements_from(x - HALF - 1, y - HALF + j)
-                    .first_chunk()
-                    .expect("MARGIN keeps a patch inside")
-            };
-            let [above, here, below] = [y - 1, y, y + 1].map(row_at);
-            for i in 0..SIDE {
-                let dx = (i as f32 - HALF as f32) / HALF as f32;
-                tx[j][i] = 0.5 * (f32::from(here[i + 2]) - f32::from(here[i]));
-                ty[j][i] = 0.5 * (f32::from(below[i + 1]) - f32::from(above[i + 1]));
-                gain[j][i] = f32::from(here[i + 1]);
-                offset[j][i] = 1.0;
-                slope_x[j][i] = dx * tx[j][i];
-                slope_y[j][i] = dy * tx[j][i];
-                total += u32::from(here[i + 1]);
-            }
-        }
-        // Keeps gain and offset apart in single precision.
-        let mean = total as f32 / AREA as f32;
-        gain.iter_mut().flat_map(|row| &mut row[..SIDE]).for_each(|level| *level -= mean);
+        // MARGIN keeps a patch and its neighbours inside.
+        let image = left.elements_from(x - HALF - 1, y - HALF - 1);
+        kernels.model_columns(&mut ModelColumns { image, stride: left.stride(), columns: &mut columns });
         let mut gram = Gram { columns: &columns, products: Default::default() };
         kernels.gram(&mut gram);
-        let normal = Normal::from_fn(|i, j| gram.products[i][j]).cholesky()?;
-        Some(Self { normal, columns })
+        let normal = Cholesky::of(&gram.products)?;
+        Some(Self { columns, normal })
     }
 
     fn project(&self, kernels: &Kernels, patch: &Levels) -> Unknowns {
         let mut call = Project { columns: &self.columns, patch, sums: [0.0; COLUMNS] };
         kernels.project(&mut call);
-        Unknowns::from(call.sums)
+        call.sums
+    }
+}
+
+/// `L·Lᵀ` of a positive definite matrix.
+struct Cholesky {
+    lower: [Unknowns; COLUMNS],
+    /// Reciprocals of the diagonal.
+    scale: Unknowns,
+}
+
+impl Cholesky {
+    /// `None` unless the matrix is positive definite.
+    fn of(matrix: &[Unknowns; COLUMNS]) -> Option<Self> {
+        let (mut lower, mut scale) = ([[0.0; COLUMNS]; COLUMNS], [0.0; COLUMNS]);
+        for i in 0..COLUMNS {
+            for j in 0..=i {
+                let below: f32 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
+                let rest = matrix[i][j] - below;
+                if i > j {
+                    lower[i][j] = rest * scale[j];
+                } else if rest > 0.0 {
+                    lower[i][i] = rest.sqrt();
+                    scale[i] = 1.0 / lower[i][i];
+                } else {
+                    return None;
+                }
+            }
+        }
+        Some(Self { lower, scale })
+    }
+
+    fn solve(&self, right_side: &Unknowns) -> Unknowns {
+        let mut x = *right_side;
+        for i in 0..COLUMNS {
+            let known: f32 = (0..i).map(|k| self.lower[i][k] * x[k]).sum();
+            x[i] = (x[i] - known) * self.scale[i];
+        }
+        for i in (0..COLUMNS).rev() {
+            let known: f32 = (i + 1..COLUMNS).map(|k| self.lower[k][i] * x[k]).sum();
+            x[i] = (x[i] - known) * self.scale[i];
+        }
+        x
     }
 }
 
@@ -119,11 +139,17 @@ pub(super) fn locate(
 impl Template {
     fn is_trustworthy(&self, patch: &Levels, projected: &Unknowns, fit: &Unknowns) -> bool {
         let mean = projected[OFFSET] / AREA as f32;
-        let levels = patch.iter().flat_map(|row| &row[..SIDE]);
-        let variance: f32 = levels.map(|level| (level - mean) * (level - mean)).sum();
-        let modelled = projected.dot(fit) - mean * mean * AREA as f32;
+        let mut squares = [0f32; LANES];
+        for row in patch {
+            for x in 0..LANES {
+                squares[x] += (row[x] - mean) * (row[x] - mean);
+            }
+        }
+        let variance: f32 = squares[..SIDE].iter().sum();
+        let explained: f32 = projected.iter().zip(fit).map(|(a, b)| a * b).sum();
+        let modelled = explained - mean * mean * AREA as f32;
         let unexplained = (variance - modelled).max(0.0);
-        let of_row = self.normal.solve(&Unknowns::from_fn(|i, _| f32::from(u8::from(i == Y))))[Y];
+        let of_row = self.normal.solve(&std::array::from_fn(|i| f32::from(u8::from(i == Y))))[Y];
         let noise_variance = unexplained / (AREA - COLUMNS) as f32;
         let sigma_y_px = (noise_variance * of_row).sqrt() / fit[GAIN];
         modelled >= MIN_EXPLAINED * variance && sigma_y_px <= MAX_SIGMA_Y_PX
@@ -142,7 +168,8 @@ fn interpolate(
     patch: &mut Levels,
 ) {
     let [(x, across), (y, down)] = [0, 1].map(|axis| {
-        let whole = shift[axis].floor();
+        // Rounded down; a shift is small, and the library's floor is a call.
+        let whole = (shift[axis] + MAX_SHIFT_PX) as usize as f32 - MAX_SHIFT_PX;
         // MARGIN keeps the first tap inside.
         let first = (start[axis] - HALF - (TAPS / 2 - 1)).wrapping_add_signed(whole as isize);
         (first, lagrange_weights(shift[axis] - whole))
@@ -153,11 +180,11 @@ fn interpolate(
 
 /// Lagrange's weights of the pixels at -2, -1, 0, 1, 2 and 3 for a position `t` from 0 to 1.
 fn lagrange_weights(t: f32) -> [f32; TAPS] {
-    /// `Π (p - q)` over the other positions `q`, for each position `p`.
-    const SPANS: [f32; TAPS] = [-120.0, 24.0, -12.0, 12.0, -24.0, 120.0];
+    /// `1 / Π (p - q)` over the other positions `q`, for each position `p`.
+    const SCALES: [f32; TAPS] = [-1.0 / 120.0, 1.0 / 24.0, -1.0 / 12.0, 1.0 / 12.0, -1.0 / 24.0, 1.0 / 120.0];
     let distances: [f32; TAPS] = std::array::from_fn(|tap| t - (tap as f32 - (TAPS / 2 - 1) as f32));
     std::array::from_fn(|tap| {
         let others = (0..TAPS).filter(|&other| other != tap);
-        others.map(|other| distances[other]).product::<f32>() / SPANS[tap]
+        others.map(|other| distances[other]).product::<f32>() * SCALES[tap]
     })
 }
