@@ -292,6 +292,30 @@ def test_with_the_cameras_motion_velocities_are_over_the_ground() -> None:
     np.testing.assert_allclose(track.position_m, seen, atol=0.02)
 
 
+def test_a_camera_that_drives_past_things_that_stand_knows_its_speed() -> None:
+    """40 things along a street, three that drive; 1.2 m a frame, all that is seen noisy and some of it strays."""
+    random = np.random.default_rng(4)
+    street = np.stack([random.choice([-4, 4], 40) + random.normal(0, 0.6, 40), random.uniform(5, 90, 40)], axis=-1)
+    sizes = random.uniform([0.3, 0.8], [2.0, 2.5], (40, 2))
+    tracker = ep.Tracker(scene_stands_still=True, initial_velocity_mps=2.0)
+    for k in range(30):
+        seen = []
+        for (x, z), (width, height) in zip(street - [0, 1.2 * k], sizes, strict=True):
+            if 4 < z < 35 and random.uniform() < 0.85:
+                sigma = 0.001 * z**2
+                seen.append(
+                    detection(x, z + random.normal(0, sigma), sigma, width_m=width, height_m=height, box=(0, 0, 0, 0))
+                )
+        seen += [detection(random.uniform(-6, 6), random.uniform(5, 35), 0.1, width_m=1, height_m=1) for _ in range(3)]
+        tracks = tracker.update(seen, k * STEP_NANOS)
+        if k >= 15:
+            known = [t for t in tracks if t.confirmed and t.hits >= 6 and t.misses == 0]
+            speeds = [np.hypot(*track.velocity_mps) for track in known]
+            assert len(known) >= 5
+            assert np.median(speeds) < 0.8, k
+    assert np.mean([track.velocity_mps[1] for track in known]) == pytest.approx(0, abs=0.5)
+
+
 # ---- the interface -----------------------------------------------------------------------------
 
 

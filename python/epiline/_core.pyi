@@ -814,6 +814,7 @@ class Tracker:
         confirm_window: int = 5,
         max_misses: int = 5,
         max_gap_s: float = 1.0,
+        scene_stands_still: bool = False,
     ) -> Tracker: ...
     def update(
         self,

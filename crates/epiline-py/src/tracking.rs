@@ -250,6 +250,10 @@ impl Seen<'_> {
 ///     A confirmed track ends after more frames in a row without an obstacle.
 /// max_gap_s : float
 ///     All tracks end where no frame came for longer.
+/// scene_stands_still : bool
+///     Take most of what is seen to stand still, and the camera to drive straight ahead: where its motion is not given
+///     it is estimated from the obstacles, and velocities are over the ground. For a camera that drives past many
+///     things.
 ///
 /// Raises
 /// ------
@@ -280,7 +284,8 @@ impl PyTracker {
     #[new]
     #[pyo3(signature = (
         *, velocity_walk_mps = 2.0, initial_velocity_mps = 5.0, bearing_sigma_rad = 0.005, extent_share = 0.1,
-        gate_probability = 0.99, confirm_hits = 3, confirm_window = 5, max_misses = 5, max_gap_s = 1.0
+        gate_probability = 0.99, confirm_hits = 3, confirm_window = 5, max_misses = 5, max_gap_s = 1.0,
+        scene_stands_still = false
     ))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
@@ -293,6 +298,7 @@ impl PyTracker {
         confirm_window: i64,
         max_misses: i64,
         max_gap_s: f64,
+        scene_stands_still: bool,
     ) -> PyResult<Self> {
         let tracker = Tracker::new(TrackParams {
             velocity_walk_mps,
@@ -304,6 +310,7 @@ impl PyTracker {
             confirm_window: whole("confirm_window", confirm_window)?,
             max_misses: whole("max_misses", max_misses)?,
             max_gap_s,
+            scene_stands_still,
         });
         Ok(Self(Mutex::new(State { tracker: tracker.or_raise()?, tracks: Vec::new(), continuity: None })))
     }

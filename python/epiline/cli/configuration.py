@@ -41,7 +41,7 @@ _SCAN = {
     **dict.fromkeys(("step_m", "headroom_m", "max_range_m", "gap_guard_px"), float),
 }
 _TRACKS = {
-    "enabled": bool,
+    **dict.fromkeys(("enabled", "scene_stands_still"), bool),
     **dict.fromkeys(("confirm_hits", "confirm_window", "max_misses"), int),
     **dict.fromkeys(("velocity_walk_mps", "initial_velocity_mps", "bearing_sigma_rad", "extent_share"), float),
     **dict.fromkeys(("gate_probability", "max_gap_s"), float),
@@ -121,25 +121,25 @@ def ground_prior(configuration: Configuration) -> Mounting | None:
     """How the camera stands over the ground, as far as the file says."""
     if not configuration.mounting:
         return None
-    sigmas = {name: value for name, value in configuration.ground.items() if name != "enabled"}
+    sigmas = _parameters(configuration.ground)
     angles = {name: configuration.mounting.get(name, 0.0) for name in ("pitch_rad", "roll_rad")}
     return Mounting(configuration.mounting["height_m"], **angles, **sigmas)
 
 
 def scanner(configuration: Configuration) -> Scanner | None:
     """What scans, unless the file turns it off."""
-    return _unless_off(configuration.scan, Scanner)
+    made = Scanner(**_parameters(configuration.scan))
+    return made if configuration.scan.get("enabled", True) else None
 
 
 def tracker(configuration: Configuration) -> Tracker | None:
     """What tracks, unless the file turns it off."""
-    return _unless_off(configuration.tracks, Tracker)
+    made = Tracker(**_parameters(configuration.tracks))
+    return made if configuration.tracks.get("enabled", True) else None
 
 
-def _unless_off(table: Mapping[str, Any], make: Callable[..., Any]) -> Any:
-    parameters = {name: value for name, value in table.items() if name != "enabled"}
-    made = make(**parameters)
-    return made if table.get("enabled", True) else None
+def _parameters(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in table.items() if name != "enabled"}
 
 
 def _check(path: Path, name: str, make: Callable[[Configuration], object], configuration: Configuration) -> None:

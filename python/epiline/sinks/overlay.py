@@ -80,7 +80,7 @@ def picture_of(left: Image, tracks: Sequence[TrackLike], scan: ScanLike | None, 
     -------
     (H, W', 3) uint8
     """
-    picture = cv2.cvtColor(left, cv2.COLOR_GRAY2BGR) if left.ndim == 2 else left.copy()
+    picture: Image = np.repeat(left[:, :, None], 3, axis=2) if left.ndim == 2 else left.copy()
     believed = [track for track in tracks if track.confirmed]
     for track in sorted(believed, key=lambda track: -track.range_m):
         _draw_box(picture, track)

@@ -7,11 +7,13 @@
 //! from the frames' stamps alone.
 //!
 //! Without the camera's own motion, velocity is relative to the camera: what stands still comes nearer as fast as the
-//! camera drives. With it ([`EgoMotion`]), velocity is over the ground, in the camera's present axes.
+//! camera drives. With it ([`EgoMotion`]), given or estimated, velocity is over the ground, in the camera's present
+//! axes.
 
 mod assignment;
 mod detection;
 mod kalman;
+mod own_motion;
 mod tracker;
 
 use crate::error::{Error, Result};
@@ -46,6 +48,10 @@ pub struct TrackParams {
     pub max_misses: u32,
     /// All tracks end where no frame came for longer, seconds, positive.
     pub max_gap_s: f64,
+    /// Take most of what is seen to stand still, and the camera to drive straight ahead: where its motion is not given
+    /// it is estimated from the obstacles themselves, and velocities are over the ground. For a camera that drives past
+    /// many things; not for one that stands and watches few.
+    pub scene_stands_still: bool,
 }
 
 impl Default for TrackParams {
@@ -60,6 +66,7 @@ impl Default for TrackParams {
             confirm_window: 5,
             max_misses: 5,
             max_gap_s: 1.0,
+            scene_stands_still: false,
         }
     }
 }

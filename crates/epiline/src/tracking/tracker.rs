@@ -10,6 +10,7 @@
 
 use super::assignment::{Assignment, UNASSIGNED};
 use super::kalman::{Filter, Innovation};
+use super::own_motion::OwnMotion;
 use super::{Continuity, Detection, EgoMotion, Track, TrackParams};
 use crate::error::Result;
 
@@ -39,6 +40,7 @@ pub struct Tracker {
     members: Vec<Member>,
     next_id: u64,
     last_nanos: Option<i64>,
+    own_motion: OwnMotion,
     detections: Vec<Detection>,
     /// Detections by how well they were seen.
     by_support: Vec<usize>,
@@ -64,6 +66,7 @@ impl Tracker {
             members: Vec::new(),
             next_id: 0,
             last_nanos: None,
+            own_motion: OwnMotion::default(),
             detections: Vec::new(),
             by_support: Vec::new(),
             free: Vec::new(),
@@ -81,6 +84,7 @@ impl Tracker {
     /// Forgets all tracks; their ids are not given again.
     pub fn reset(&mut self) {
         self.members.clear();
+        self.own_motion.reset();
         self.last_nanos = None;
     }
 
@@ -109,9 +113,14 @@ impl Tracker {
         if continuity != Continuity::Repeated {
             if matches!(continuity, Continuity::Backward | Continuity::Gap) {
                 self.members.clear();
+                self.own_motion.reset();
             }
             self.last_nanos = Some(stamp_nanos);
-            self.predict(elapsed_s, ego);
+            let estimated = self
+                .params
+                .scene_stands_still
+                .then(|| self.own_motion.estimate(&self.detections, elapsed_s.max(0.0)));
+            self.predict(elapsed_s, ego.or(estimated.as_ref()));
             self.find_wholes();
             for confirmed in [true, false] {
                 self.assign(confirmed);
