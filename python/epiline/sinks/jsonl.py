@@ -102,7 +102,8 @@ def region_record(profile: RegionProfile) -> dict[str, Any]:
 def obstacle_record(obstacle: Obstacle) -> dict[str, Any]:
     """Everything about an obstacle."""
     record: dict[str, Any] = {"id": obstacle.id, "region": obstacle.region, "box": list(obstacle.box)}
-    for name in ("range_m", "depth_m", "sigma_m", "bearing_rad", "width_m", "height_m"):
+    record["regions"] = obstacle.regions
+    for name in ("range_m", "depth_m", "sigma_m", "bearing_rad", "width_m", "height_m", "height_above_ground_m"):
         record[name] = getattr(obstacle, name)
     record["support"] = obstacle.support
     return finite(record)

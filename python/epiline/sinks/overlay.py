@@ -17,7 +17,7 @@ ToPixels: TypeAlias = Callable[[Floats, Floats], NDArray[np.int32]]
 
 _FREE, _UNKNOWN, _OUTSIDE, _OBSTACLE = (96, 150, 70), (70, 66, 66), (38, 35, 35), (70, 80, 250)
 _RINGS, _INK = (120, 116, 116), (235, 235, 235)
-_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_FONT, _TEXT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.38
 _SECONDS_AHEAD = 1.0
 """An arrow ends where its track will be then."""
 _SIGMAS = 2.0
@@ -70,7 +70,7 @@ def picture_of(left: Image, tracks: Sequence[TrackLike], scan: ScanLike | None, 
     left : (H, W) or (H, W, 3) uint8
         The aligned left image; three channels are blue, green, red.
     tracks : sequence of Track
-        Those not confirmed are left out; those not seen in this frame are drawn thin.
+        Those not confirmed, and those not seen in this frame, are left out.
     scan : Scan or None
         Green is free, grey unknown, red an obstacle.
     caption : str
@@ -81,13 +81,17 @@ def picture_of(left: Image, tracks: Sequence[TrackLike], scan: ScanLike | None, 
     (H, W', 3) uint8
     """
     picture: Image = np.repeat(left[:, :, None], 3, axis=2) if left.ndim == 2 else left.copy()
-    believed = [track for track in tracks if track.confirmed]
-    for track in sorted(believed, key=lambda track: -track.range_m):
-        _draw_box(picture, track)
+    seen = sorted((track for track in tracks if track.confirmed and not track.misses), key=lambda track: track.range_m)
+    for track in reversed(seen):
+        x, y, width, height = track.box
+        cv2.rectangle(picture, (x, y), (x + width - 1, y + height - 1), colour_of(track.id), 2)
+    labels = _Labels(picture)
+    for track in seen:
+        labels.put(track)
     if caption:
         _write(picture, caption, (8, 18), _INK)
     if scan is not None:
-        picture = np.hstack([picture, top_view(scan, believed, side_px=picture.shape[0])])
+        picture = np.hstack([picture, top_view(scan, seen, side_px=picture.shape[0])])
     return picture
 
 
@@ -98,27 +102,37 @@ def colour_of(identity: int) -> Colour:
     return int(bgr[0]), int(bgr[1]), int(bgr[2])
 
 
-def _draw_box(picture: Image, track: TrackLike) -> None:
-    x, y, width, height = track.box
-    colour = colour_of(track.id)
-    thickness = 2 if track.misses == 0 else 1
-    cv2.rectangle(picture, (x, y), (x + width - 1, y + height - 1), colour, thickness)
-    if track.misses:
-        return
-    right_mps, forward_mps = track.velocity_mps
-    lines = (
-        f"{track.id}: {track.range_m:.1f} +- {track.sigma_m:.1f} m",
-        f"{forward_mps:+.1f} ahead {right_mps:+.1f} right m/s",
-    )
-    # Above the box, or inside it at the upper edge of the picture.
-    top = y - 16 if y >= 30 else y + 12
-    for i, line in enumerate(lines):
-        _write(picture, line, (max(0, min(x, picture.shape[1] - 150)), top + 12 * i), colour)
+class _Labels:
+    """Id, range with sigma, and speed of tracks, the nearest first; what finds no place is left out."""
+
+    def __init__(self, picture: Image) -> None:
+        self._picture = picture
+        self._taken: list[tuple[int, int, int, int]] = []
+
+    def put(self, track: TrackLike) -> None:
+        """Above its box, below it, or else inside."""
+        right_mps, forward_mps = track.velocity_mps
+        text = f"{track.id}: {track.range_m:.1f}+-{track.sigma_m:.1f}m {math.hypot(right_mps, forward_mps):.1f}m/s"
+        (width, height), _ = cv2.getTextSize(text, _FONT, _TEXT_SCALE, 1)
+        rows, columns = self._picture.shape[:2]
+        x = max(0, min(track.box[0], columns - width))
+        top, bottom = track.box[1], track.box[1] + track.box[3]
+        for y in (top - 5, bottom + height + 5, top + height + 5):
+            if height <= y < rows and self._is_free(x, y - height, width, height):
+                self._taken.append((x, y - height, width, height))
+                _write(self._picture, text, (x, y), colour_of(track.id))
+                return
+
+    def _is_free(self, x: int, y: int, width: int, height: int) -> bool:
+        return not any(
+            x < left + wide and left < x + width and y < top + high + 2 and top < y + height + 2
+            for left, top, wide, high in self._taken
+        )
 
 
 def _write(picture: Image, text: str, at: tuple[int, int], colour: Colour) -> None:
-    cv2.putText(picture, text, at, _FONT, 0.38, (0, 0, 0), 3, cv2.LINE_AA)
-    cv2.putText(picture, text, at, _FONT, 0.38, colour, 1, cv2.LINE_AA)
+    cv2.putText(picture, text, at, _FONT, _TEXT_SCALE, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(picture, text, at, _FONT, _TEXT_SCALE, colour, 1, cv2.LINE_AA)
 
 
 def top_view(scan: ScanLike, tracks: Sequence[TrackLike], *, side_px: int) -> Image:
@@ -197,7 +211,6 @@ def _draw_track(view: Image, track: TrackLike, foot: Floats, px_per_m: float) ->
     # Down the picture is against z.
     angle = math.degrees(math.atan2(-vectors[1, 0], vectors[0, 0]))
     cv2.ellipse(view, at(position), (int(axes[0]), int(axes[1])), angle, 0, 360, colour, 1, cv2.LINE_AA)
-    if track.misses == 0:
-        cv2.arrowedLine(view, at(position), at(position + _SECONDS_AHEAD * velocity), colour, 1, cv2.LINE_AA)
-        x, y = at(position)
-        _write(view, str(track.id), (x + 5, y - 3), colour)
+    cv2.arrowedLine(view, at(position), at(position + _SECONDS_AHEAD * velocity), colour, 1, cv2.LINE_AA)
+    x, y = at(position)
+    _write(view, str(track.id), (x + 5, y - 3), colour)
