@@ -120,7 +120,8 @@ def oracle(truth: FrameTruth) -> list[Report]:
 @pytest.mark.parametrize("kind", ["boxes", "poles", "kerbs", "textureless"])
 def test_who_knows_everything_scores_full_marks_and_who_says_nothing_none(kind: str) -> None:
     knowing, silent = Tally(), Tally()
-    for _, truth in drive(course(kind, "check", 0, SMALL, 2), Entry("fast", {"preset": "fast", "threads": 1})):
+    for frame in drive(course(kind, "check", 0, SMALL, 2), Entry("fast", {"preset": "fast", "threads": 1})):
+        truth = frame.truth
         knowing.frames.append(score_frame(oracle(truth), truth, Rules()))
         silent.frames.append(score_frame([], truth, Rules()))
     best, worst = knowing.figures(), silent.figures()

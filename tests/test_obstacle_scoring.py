@@ -29,7 +29,10 @@ def frame(*, wall_m: float = WALL_M) -> FrameTruth:
     lateral = (np.arange(WIDTH) - CX) / FOCAL_PX * depth
     down = (np.arange(HEIGHT) - 30)[:, None] / FOCAL_PX * depth
     range_m = np.sqrt(depth**2 + lateral**2 + down**2)
-    return FrameTruth(range_m, depth, lateral, standing, np.ones_like(standing, bool), NAMES, frozenset({BOX, POLE}))
+    height = np.where(standing == NOTHING, 0.0, 0.5)
+    return FrameTruth(
+        range_m, depth, lateral, height, standing, np.ones_like(standing, bool), NAMES, frozenset({BOX, POLE})
+    )
 
 
 def report(z: float, first: int, last: int, *, sigma_m: float = 0.03) -> Report:

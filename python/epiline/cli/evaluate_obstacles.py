@@ -33,6 +33,18 @@ _RANGES = {
     "within_1": "1 sigma %",
     "within_2": "2 sigma %",
 }
+_FLOOR = {
+    "ground_found": "ground found %",
+    "height_bias": "height bias %",
+    "height_p95": "95th",
+    "pitch_bias": "pitch bias deg",
+    "pitch_p95": "95th",
+    "scan_missed": "scan: missed %",
+    "scan_false_near": "false near %",
+    "scan_free": "free %",
+    "scan_free_wrong": "wrongly free %",
+    "scan_unknown": "unknown %",
+}
 _RANGES |= {f"region_{name}": f"regions: {title}" for name, title in _RANGES.items()}
 
 
@@ -101,6 +113,7 @@ def _score_courses(args: argparse.Namespace, entry: Entry) -> None:
     for title, columns in (
         (f"{entry.name}: obstacles up to 6 m on rendered courses", _FOUND),
         ("their ranges, and the nearest ranges of regions", _RANGES),
+        ("the ground, and the scan over it", _FLOOR),
     ):
         print_table(title, ("", *columns.values()), [(name, *_figures(tally, columns)) for name, tally in rows])
 

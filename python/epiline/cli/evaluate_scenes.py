@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,16 +21,15 @@ Row = tuple[str, str, dict[str, float]]
 
 def run(args: argparse.Namespace) -> None:
     """Scores whatever of the folder has the truth for it."""
-    from epiline.evaluation import load_scenes
-
     wanted = args.scenes or [""]
-    scenes = [scene for scene in load_scenes(args.root) if any(text in scene.name for text in wanted)]
-    if not scenes:
+    drives = [folder for folder in _drives(args.root) if any(text in folder.name for text in wanted)]
+    scenes = [scene for scene in _scenes(args.root, bool(drives)) if any(text in scene.name for text in wanted)]
+    if not scenes and not drives:
         raise ValueError(f"{args.root}: no scene's name contains {' or '.join(wanted)}")
     laser = [scene for scene in scenes if scene.family.startswith("kitti")]
     # A laser's truth, ETH3D's too, is too sparse for columns.
     dense = [scene for scene in scenes if not scene.family.startswith(("kitti", "eth3d"))]
-    if not laser and not dense:
+    if not laser and not dense and not drives:
         raise ValueError(f"{args.root}: no scene of Middlebury's or KITTI's kind among {len(scenes)}")
     presets = tuple(args.preset or _PRESETS)
     tables: dict[str, list[Row]] = {}
@@ -38,7 +38,44 @@ def run(args: argparse.Namespace) -> None:
             tables["columns"] = _columns(dense, presets, args.threads, advance)
         if laser:
             tables["regions"] = _regions(laser, presets, args.threads, advance)
+        if drives:
+            tables["ground"] = _grounds(drives, presets, args.threads, advance)
     _print(args, tables, len(dense), len(laser))
+
+
+def _scenes(root: Path, may_lack: bool) -> list[Scene]:
+    from epiline.evaluation import load_scenes
+
+    try:
+        return list(load_scenes(root))
+    except ValueError:
+        # A folder that is a drive has no scenes and need have none.
+        if may_lack and not (root / "manifest.json").exists():
+            return []
+        raise
+
+
+def _drives(root: Path) -> list[Path]:
+    """The folder itself or those in it that hold a car's drive."""
+    from epiline.evaluation.obstacles.ground import is_car_sequence
+
+    return [folder for folder in (root, *sorted(root.glob("*/"))) if is_car_sequence(folder)]
+
+
+def _grounds(
+    drives: Sequence[Path], presets: tuple[str, ...], threads: int | None, advance: Callable[[], object]
+) -> list[Row]:
+    from epiline.evaluation.obstacles.ground import GroundRun, car_grounds
+
+    rows: list[Row] = []
+    for drive in drives:
+        for preset in presets:
+            grounds = []
+            for ground in car_grounds(drive, preset, threads):
+                grounds.append(ground)
+                advance()
+            rows.append((preset, drive.name, GroundRun.of(grounds).steadiness()))
+    return rows
 
 
 def _columns(
@@ -125,6 +162,7 @@ def _print(args: argparse.Namespace, tables: dict[str, list[Row]], dense: int, l
     titles = {
         "columns": f"nearest return of each column, {dense} scenes: off by more than 2 px, % of columns",
         "regions": f"nearest range of regions, {laser} frames: error %",
+        "ground": "the ground over a drive: how far frames are from its median; height %, angles in degrees",
     }
     for name, rows in tables.items():
         columns = tuple(rows[0][2])

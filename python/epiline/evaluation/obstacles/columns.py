@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from epiline._core import DisparityMap, Region, StereoMatcher, grey, profile
+from epiline._core import DisparityMap, RectifiedGeometry, Region, StereoMatcher, grey, profile, scan
 from epiline.evaluation.obstacles.truth import SUPPORT_PX, seen_by_both
 from epiline.evaluation.scenes import Scene
 
@@ -18,6 +18,7 @@ Columns: TypeAlias = NDArray[np.float32]
 
 # Pixels of one surface lie within this of each other, and a return within twice that of the truth is right, px.
 SURFACE_PX, OFF_PX = 1.0, 2.0
+_BASELINE_M, _FAR_M = 0.1, 1000.0
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,7 @@ def column_methods(presets: tuple[str, ...], threads: int | None) -> list[Column
             ColumnMethod(f"{preset}, column minimum", _of_ours(matcher, _column_minimum)),
             ColumnMethod(f"{preset}, u-disparity", _of_ours(matcher, _u_disparity)),
             ColumnMethod(f"{preset}, profile", _of_ours(matcher, _profile)),
+            ColumnMethod(f"{preset}, scan", _of_ours(matcher, _scan)),
         ]
     return methods
 
@@ -138,6 +140,23 @@ def _profile(disparity: DisparityMap) -> Columns:
     height, width = disparity.shape
     (found,) = profile(disparity, [Region("image", x=0, y=0, width=width, height=height)], min_support=SUPPORT_PX)
     return found.nearest_px
+
+
+def _scan(disparity: DisparityMap) -> Columns:
+    """The scan without a ground: of a level camera its directions are the columns, from right to left."""
+    height, width = disparity.shape
+    # Any camera sees the same disparities; this one has no blind zone and no horizon within its reach.
+    geometry = RectifiedGeometry(
+        width=width,
+        height=height,
+        focal_px=width,
+        cx_px=(width - 1) / 2,
+        cy_px=(height - 1) / 2,
+        baseline_m=_BASELINE_M,
+    )
+    found = scan(disparity, geometry, min_support=SUPPORT_PX, max_range_m=_FAR_M)
+    depth_m = found.nearest_m * np.cos(found.angle_rad)
+    return np.asarray(width * _BASELINE_M / depth_m, np.float32)[::-1]
 
 
 def _percent(flags: NDArray[np.bool_]) -> float:

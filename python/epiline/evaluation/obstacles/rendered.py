@@ -18,12 +18,15 @@ from epiline._core import (
     StereoCalibration,
     StereoMatcher,
     default_disparities,
+    scan,
 )
+from epiline.evaluation.obstacles.ground import ground_sample
 from epiline.evaluation.obstacles.photographs import photographs
+from epiline.evaluation.obstacles.scans import HEADROOM_M, STEP_M, ScanScore, score_scan
 from epiline.evaluation.obstacles.scoring import RangeSample, Report, Rules, score_frame
 from epiline.evaluation.obstacles.tally import Tally
 from epiline.evaluation.obstacles.truth import SUPPORT_PX, Flags, FrameTruth, frame_truth
-from epiline.sources.rendered import RigTruth, Tracer, nearest_supported, true_depth
+from epiline.sources.rendered import RigTruth, Tracer, ViewTruth, nearest_supported, true_depth
 from epiline.sources.rendered.courses import Course
 
 
@@ -77,17 +80,37 @@ def evaluate_course(
     """Drives through one course."""
     chosen = Rules() if rules is None else rules
     tally = Tally()
-    for result, truth in drive(course, entry, cache=cache):
+    for frame in drive(course, entry, cache=cache):
+        result, truth = frame.result, frame.truth
         reports = [Report.of(obstacle) for obstacle in result.obstacles]
         tally.frames.append(score_frame(reports, truth, chosen))
         if course.matchable:
             _add_regions(tally, result, truth, chosen)
+        tally.grounds.append(ground_sample(result.ground, frame.view.world_from_view))
+        tally.scans.append(_score_scan(frame, chosen))
         advance()
     return tally
 
 
-def drive(course: Course, entry: Entry, *, cache: Path | None = None) -> Iterator[tuple[FrameResult, FrameTruth]]:
-    """Each frame's result beside its truth."""
+@dataclass(frozen=True)
+class DrivenFrame:
+    """A frame's result beside its truth.
+
+    Attributes
+    ----------
+    result : FrameResult
+    truth : FrameTruth
+    view : ViewTruth
+        Of the aligned left image.
+    """
+
+    result: FrameResult
+    truth: FrameTruth
+    view: ViewTruth
+
+
+def drive(course: Course, entry: Entry, *, cache: Path | None = None) -> Iterator[DrivenFrame]:
+    """Drives through a course."""
     cameras = course.rig().truth
     calibration = calibration_of(cameras)
     pipeline = entry.pipeline_for(calibration, course.size[0])
@@ -110,7 +133,23 @@ def drive(course: Course, entry: Entry, *, cache: Path | None = None) -> Iterato
             aligned_from_left=geometry.aligned_from_left,
         )
         truth = frame_truth(view, geometry, valid=valid, num_disparities=disparities, ground=course.ground)
-        yield pipeline.process(photograph.left, photograph.right), truth
+        yield DrivenFrame(pipeline.process(photograph.left, photograph.right), truth, view)
+
+
+def _score_scan(frame: DrivenFrame, rules: Rules) -> ScanScore:
+    found = scan(
+        frame.result.disparity,
+        frame.result.pair.geometry,
+        ground=frame.result.ground,
+        step_m=STEP_M,
+        headroom_m=HEADROOM_M,
+        max_range_m=rules.reach_m,
+    )
+    pose = frame.view.world_from_view
+    away = frame.view.points_world_m[..., :2] - pose[:2, 3]
+    ahead = pose[:2, 2] / np.linalg.norm(pose[:2, 2])
+    angle = np.arctan2(ahead[0] * away[..., 1] - ahead[1] * away[..., 0], away @ ahead)
+    return score_scan(found, frame.truth, angle, np.linalg.norm(away, axis=-1), rules)
 
 
 def _add_regions(tally: Tally, result: FrameResult, truth: FrameTruth, rules: Rules) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from epiline.evaluation.obstacles.ground import GroundSample, ground_figures
+from epiline.evaluation.obstacles.scans import ScanScore, scan_figures
 from epiline.evaluation.obstacles.scoring import FrameScore, RangeSample
 
 # Beyond this share of the range a report is about something else: counted apart, not averaged into the bias.
@@ -16,14 +18,22 @@ GROSS_SHARE = 0.05
 
 @dataclass
 class Tally:
-    """Scores of some frames of a course, with the nearest ranges of its regions."""
+    """Scores of some frames: obstacles, nearest ranges of regions, the ground, scans."""
 
     frames: list[FrameScore] = field(default_factory=list)
     regions: list[RangeSample] = field(default_factory=list)
     regions_asked: int = 0
+    grounds: list[GroundSample] = field(default_factory=list)
+    scans: list[ScanScore] = field(default_factory=list)
 
     def __add__(self, other: Tally) -> Tally:
-        return Tally(self.frames + other.frames, self.regions + other.regions, self.regions_asked + other.regions_asked)
+        return Tally(
+            self.frames + other.frames,
+            self.regions + other.regions,
+            self.regions_asked + other.regions_asked,
+            self.grounds + other.grounds,
+            self.scans + other.scans,
+        )
 
     def figures(self) -> dict[str, float]:
         """Every figure by name; shares in percent."""
@@ -45,6 +55,8 @@ class Tally:
             **range_figures([sample for frame in self.frames for sample in frame.ranges]),
             "regions": self.regions_asked,
             **{f"region_{name}": value for name, value in range_figures(self.regions).items()},
+            **ground_figures(self.grounds),
+            **scan_figures(self.scans),
         }
 
     def missed_names(self) -> Counter[str]:

@@ -53,8 +53,8 @@ class FrameTruth:
 
     Attributes
     ----------
-    range_m, depth_m, lateral_m : (H, W) float64
-        Euclidean distance, Z and X of what each pixel shows.
+    range_m, depth_m, lateral_m, height_m : (H, W) float64
+        Euclidean distance, Z and X of what each pixel shows, and its height over the floor.
     standing : (H, W) int16
         Id of the wall or solid there, `NOTHING` on floor, ceiling and what is driven on.
     seen : (H, W) bool
@@ -68,6 +68,7 @@ class FrameTruth:
     range_m: Floats
     depth_m: Floats
     lateral_m: Floats
+    height_m: Floats
     standing: NDArray[np.int16]
     seen: Flags
     names: tuple[str, ...]
@@ -148,6 +149,7 @@ def frame_truth(
         range_m=view.range_m,
         depth_m=view.depth_m,
         lateral_m=np.asarray(view.directions[..., 0] * view.depth_m, float),
+        height_m=view.points_world_m[..., 2],
         standing=np.where(standing, ids, np.int16(NOTHING)).astype(np.int16),
         seen=valid[0] & (disparity <= num_disparities - 1) & seen_by_both(disparity, valid[1]),
         names=names,

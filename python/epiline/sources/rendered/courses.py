@@ -115,7 +115,6 @@ class _World:
     ground: frozenset[str] = frozenset()
     advance_m: float = 0.8
     sway_rad: float = 0.09
-    climbs: bool = False
 
 
 _Maker: TypeAlias = Callable[[np.random.Generator, Half], _World]
@@ -177,13 +176,12 @@ def _drive(rng: np.random.Generator, world: _World) -> CameraPath:
     points = []
     for i in range(6):
         ahead_m = world.advance_m * i / 5
-        climb_m = ahead_m * np.tan(RAMP_PITCH_RAD) if world.climbs else 0.0
         points.append(
             Waypoint(
                 4.0 * i / 5,
-                (ahead_m, float(rng.uniform(-0.04, 0.04)), height_m + climb_m),
+                (ahead_m, float(rng.uniform(-0.04, 0.04)), height_m),
                 yaw_rad=float(rng.uniform(-1, 1)) * world.sway_rad,
-                pitch_rad=pitch_rad - RAMP_PITCH_RAD * world.climbs + float(rng.normal(0, 0.008)),
+                pitch_rad=pitch_rad + float(rng.normal(0, 0.008)),
                 roll_rad=float(rng.normal(0, 0.008)),
             )
         )
