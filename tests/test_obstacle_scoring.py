@@ -151,6 +151,19 @@ def test_a_partly_hidden_solid_is_asked_for_by_what_is_seen() -> None:
     assert box.pixels == 20 * 30
 
 
+def test_a_sliver_behind_the_edge_of_something_nearer_is_not_asked_for() -> None:
+    truth = frame()
+    for width, asked in ((3, ["box"]), (4, ["box"]), (12, ["box", "pole"])):
+        depth, standing = truth.depth_m.copy(), np.where(truth.standing == POLE, WALL, truth.standing).astype(np.int16)
+        depth[truth.standing == POLE] = WALL_M
+        # The second solid shows right of the box, half a metre behind it.
+        depth[20:50, 60 : 60 + width], standing[20:50, 60 : 60 + width] = 3.5, POLE
+        hidden = replace(truth, depth_m=depth, range_m=depth, standing=standing)
+        assert sorted(a.name for a in score_frame([], hidden, Rules()).missed) == asked
+    # What stands before something, be it as thin, is asked for.
+    assert [a.name for a in score_frame([], truth, Rules()).missed] == ["pole", "box"]
+
+
 def test_a_report_in_a_free_corridor_blocks_it() -> None:
     truth = frame(wall_m=9.0)
     ghost = report(2.0, 75, 85)

@@ -21,6 +21,8 @@ CLEARANCE_M = 0.03
 SUPPORT_PX = 8
 _FLOOR, _CEILING = ROOM_SIDES.index("floor"), ROOM_SIDES.index("ceiling")
 NOTHING = -1
+# Columns beside something nearer that a window shows together with it, and how much nearer: a share of the depth.
+BESIDE_PX, NEARER_SHARE = 4, 0.1
 
 
 @dataclass(frozen=True)
@@ -84,16 +86,25 @@ class FrameTruth:
         """`standing` where both cameras see it."""
         return np.where(self.seen, self.standing, np.int16(NOTHING))
 
+    @cached_property
+    def beside_nearer(self) -> Flags:
+        """(H, W): within `BESIDE_PX` columns of something nearer by `NEARER_SHARE`."""
+        padded = np.pad(self.depth_m, ((0, 0), (BESIDE_PX, BESIDE_PX)), constant_values=np.inf)
+        nearest = np.lib.stride_tricks.sliding_window_view(padded, 2 * BESIDE_PX + 1, axis=1).min(axis=-1)
+        return np.asarray(nearest < (1 - NEARER_SHARE) * self.depth_m, bool)
+
     def asked(self, *, reach_m: float, min_pixels: int, min_side_px: float) -> list[Asked]:
         """The solids within reach of which enough is seen, nearest first.
 
-        Enough is `min_pixels`, and `min_side_px` both in the median row and in the median column.
+        Enough is `min_pixels`, and `min_side_px` both in the median row and in the median column, of what is not
+        right beside something nearer: of a thing that shows as a sliver behind another's edge nothing is asked.
         """
         found = []
         for object_id in sorted(self.solids):
             here = self.visible == object_id
+            clear = here & ~self.beside_nearer
             pixels = int(here.sum())
-            if pixels < max(min_pixels, 1) or min(_median_count(here, 0), _median_count(here, 1)) < min_side_px:
+            if clear.sum() < max(min_pixels, 1) or min(_median_count(clear, 0), _median_count(clear, 1)) < min_side_px:
                 continue
             range_m = nearest_supported(self.range_m[here], SUPPORT_PX)
             if range_m <= reach_m:
