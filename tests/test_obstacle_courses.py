@@ -67,6 +67,17 @@ def test_every_other_course_has_something_to_find(kind: str, half: str) -> None:
         assert not set(truth.solids) & {truth.names.index(name) for name in chosen.ground}
 
 
+def test_only_rooms_whose_every_side_can_be_matched_count_as_such() -> None:
+    by_kind: dict[str, set[bool]] = {}
+    for each in courses():
+        by_kind.setdefault(each.kind, set()).add(each.matchable)
+    assert by_kind["boxes"] == by_kind["kerbs"] == {True}
+    assert by_kind["textureless"] == by_kind["repetitive"] == {False}
+    assert by_kind["free"] == {True, False}
+    blank_floor = next(c for c in courses() if c.kind == "free" and c.scene.room.floor.pattern == "plain")
+    assert not blank_floor.matchable
+
+
 def test_poles_and_kerbs_are_as_thin_and_low_as_promised() -> None:
     poles = course("poles", "check", 0, SMALL, 1).scene.solids
     assert POLE_DIAMETER_M == 0.03

@@ -46,6 +46,7 @@ POLE_DIAMETER_M, KERB_HEIGHT_M = 0.03, 0.08
 RAMP_PITCH_RAD = float(np.arctan(1 / 12))
 _LOADING_RAMP_RAD = float(np.deg2rad(25))
 
+_UNMATCHABLE = {WHITEWASH.pattern, POSTS.pattern}
 _WALLS = {"development": (PLASTER, BRICKS), "check": (CONCRETE, replace(PLASTER, scale=1.7), STEEL)}
 _FLOORS = {
     "development": (PLANKS, CONCRETE),
@@ -93,8 +94,10 @@ class Course:
 
     @property
     def matchable(self) -> bool:
-        """Whether every surface can be matched: no wall is blank or repeats."""
-        return self.kind not in {"textureless", "repetitive"}
+        """Whether every surface can be matched: no side of the room is blank or repeats."""
+        room = self.scene.room
+        sides = (room.floor, room.ceiling, room.front, room.back, room.left, room.right)
+        return not any(side.pattern in _UNMATCHABLE for side in sides)
 
     def rig(self) -> RenderedRig:
         """The cameras in the scene."""
