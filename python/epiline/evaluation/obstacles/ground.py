@@ -57,6 +57,7 @@ class GroundRun:
         }
         for name, values in off.items():
             figures[f"{name}_median"] = float(np.median(values))
+            figures[f"{name}_p90"] = float(np.percentile(values, 90))
             figures[f"{name}_worst"] = float(values.max())
         return figures
 
