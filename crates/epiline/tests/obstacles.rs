@@ -171,7 +171,7 @@ fn measures_are_those_of_the_board() {
     assert!((obstacle.range_m - (4.0 + 0.3_f64.powi(2)).sqrt()).abs() < 0.01, "{obstacle:?}");
     // Noise of 75 columns, six of which count as one; what they share; what the outline hides.
     let sigma_px = (0.25 * (6.0_f64 / 75.0).sqrt()).hypot(0.68 * 0.25);
-    let sigma_m = (4.0 * sigma_px / 36.0 * obstacle.range_m / 2.0).hypot(0.007 * obstacle.range_m);
+    let sigma_m = (4.0 * sigma_px / 36.0 * obstacle.range_m / 2.0).hypot(0.008 * obstacle.range_m);
     assert!((obstacle.sigma_m / sigma_m - 1.0).abs() < 1e-3, "{obstacle:?}, expected {sigma_m}");
     let bounds = obstacle.bounds;
     assert!((bounds.x as f64 - (161.3 + 45.0)).abs() <= 1.0 && (bounds.width as f64 - 75.0).abs() <= 1.0);

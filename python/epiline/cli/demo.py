@@ -40,8 +40,6 @@ _SUPPORT_PX = 30
 # The camera drives half a metre above the floor with a tenth of a metre between its eyes: the floor puts about four
 # rows into each pixel of disparity, smeared by the window to a dozen. What stands upright has more.
 _MIN_SUPPORT_PX = 20
-# How far the near side of an obstacle reaches back: the depth by which the core tells two obstacles apart.
-_NEAR_SIDE_M = 0.3
 # An object shows in a box with at least this many pixels.
 _OBJECT_PX = 8
 # Four constants and one to spare.
@@ -192,25 +190,20 @@ def _truth_of(rig: RenderedRig, frame: RenderedFrame, result: FrameResult) -> tu
 
 
 def _obstacle_truth(result: FrameResult, view: ViewTruth) -> tuple[dict[int, float], dict[int, str]]:
-    """For each obstacle found: what of the scene is in its box at about that range.
-
-    An obstacle's range is that of its near side as a whole, so the truth is the median over the object's pixels in
-    the box that lie within the same depth behind its nearest ones.
-    """
+    """For each obstacle found: what of the scene is nearest in its box at about that range."""
     from epiline.sources.rendered import nearest_supported
 
     ranges, names = {}, {}
     for obstacle in result.obstacles:
         x, y, width, height = obstacle.box
         window = np.s_[y : y + height, x : x + width]
-        ids, depth_m, range_m = view.object_id[window], view.depth_m[window], view.range_m[window]
-        candidates = []
-        for number in np.unique(ids):
-            own = ids == number
-            near = own & (depth_m <= nearest_supported(depth_m[own], _OBJECT_PX) + _NEAR_SIDE_M)
-            if near.any():
-                candidates.append((float(np.median(range_m[near])), view.scene.names[number]))
-        closest = min(candidates, key=lambda c: abs(c[0] - obstacle.range_m), default=(math.nan, ""))
+        ids, range_m = view.object_id[window], view.range_m[window]
+        candidates = [
+            (nearest_supported(range_m[ids == number], _OBJECT_PX), view.scene.names[number])
+            for number in np.unique(ids)
+        ]
+        known = [candidate for candidate in candidates if math.isfinite(candidate[0])]
+        closest = min(known, key=lambda c: abs(c[0] - obstacle.range_m), default=(math.nan, ""))
         ranges[obstacle.id], names[obstacle.id] = closest
     return ranges, names
 

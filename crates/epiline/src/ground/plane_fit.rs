@@ -8,7 +8,7 @@ use crate::rectification::RectifiedGeometry;
 /// Samples of one plane share errors: so many count as one.
 const ALIKE: f64 = 4.0;
 /// Rounds of reweighting.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 5;
 
 /// `p(u, v) = by_u·u + by_v·v + at_center`: disparity counted from infinity at a column and row counted from the
 /// principal point, px.

@@ -49,7 +49,7 @@ impl Profile {
 
     /// Where a positive depth lies among the knots; between them in terms of its logarithm.
     pub(super) fn place(&self, depth_m: f64) -> f64 {
-        (depth_m / self.first_depth_m).ln() / RATIO.ln()
+        (depth_m / self.first_depth_m).log2() * (1.0 / RATIO.log2())
     }
 
     pub(super) fn set(&mut self, elevation_m: [f64; KNOTS]) {

@@ -4,7 +4,7 @@ use crate::matching::{DisparityMap, Validity};
 use crate::rectification::RectifiedGeometry;
 
 /// Columns and rows looked at, at most.
-const COLUMNS: usize = 80;
+const COLUMNS: usize = 64;
 const ROWS: usize = 120;
 /// Samples of a column that are held against each other.
 const STRIDE: usize = 4;

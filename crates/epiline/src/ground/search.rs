@@ -16,12 +16,13 @@ use super::plane_fit::DisparityPlane;
 use super::samples::{Sample, Samples};
 use crate::rectification::RectifiedGeometry;
 
-/// Plausible planes that are scored.
-const HYPOTHESES: usize = 160;
+/// Plausible planes that are scored; fewer where one is known from the frames before.
+const HYPOTHESES: usize = 120;
+const HYPOTHESES_BESIDE_KNOWN: usize = 40;
 /// Draws for them, at most.
 const DRAWS: usize = 6000;
 /// Samples a plane is scored on, at most.
-const SCORED: usize = 1200;
+const SCORED: usize = 900;
 /// Smallest distance of two samples of a column, as a share of the image's height.
 const APART_DOWN: f32 = 0.06;
 /// Smallest distance of the third sample from them, as a share of the image's width.
@@ -76,13 +77,14 @@ impl Search {
             }
         };
         known.iter().copied().for_each(&mut consider);
-        let mut random = Draw(0x9e37_79b9_7f4a_7c15);
+        let mut random = Draw(0);
         let mut plausible = 0;
-        for _ in 0..DRAWS {
-            if plausible == HYPOTHESES {
+        let enough = if known.is_empty() { HYPOTHESES } else { HYPOTHESES_BESIDE_KNOWN };
+        for drawn in 0..DRAWS {
+            if plausible == enough {
                 break;
             }
-            let three = if plausible % 2 == 0 {
+            let three = if drawn % 2 == 0 {
                 of_column(&mut random, samples, geometry)
             } else {
                 of_feet(&mut random, samples, geometry)
@@ -167,15 +169,18 @@ fn through([one, other, third]: [Sample; 3]) -> Option<DisparityPlane> {
     Some(DisparityPlane { by_u, by_v, at_center })
 }
 
-/// The same numbers every time (xorshift64).
+/// The same numbers every time (SplitMix64; Steele, Lea and Flood 2014).
 struct Draw(u64);
 
 impl Draw {
     /// A number below a limit; `None` if the limit is zero.
     fn below(&mut self, limit: usize) -> Option<usize> {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        ((self.0 >> 11) as usize).checked_rem(limit)
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut mixed = self.0;
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        mixed ^= mixed >> 31;
+        // The upper half of the product is even over the numbers below the limit.
+        (limit > 0).then(|| ((u128::from(mixed) * limit as u128) >> 64) as usize)
     }
 }

@@ -69,10 +69,9 @@ impl Cells {
         (bin as f64 + 0.5) * f64::from(RAW_PER_BIN) / f64::from(DisparityMap::SCALE)
     }
 
-    /// Counts the pixels that stand on or hang over the ground.
-    pub fn count(&mut self, disparity: &DisparityMap, standing: &Standing) {
+    /// Counts the pixels that stand on or hang over the ground; no disparity is larger than `largest` sixteenths.
+    pub fn count(&mut self, disparity: &DisparityMap, standing: &Standing, largest: u16) {
         let (width, height) = (disparity.width(), disparity.height());
-        let largest = disparity.values.as_slice().iter().copied().max().unwrap_or(0);
         self.width = width;
         self.bins = usize::from(largest / RAW_PER_BIN) + 1;
         self.cells.clear();

@@ -135,7 +135,7 @@ impl ObstacleFinder {
     ) {
         let largest = disparity.values.as_slice().iter().copied().max().unwrap_or(0);
         self.standing.prepare(geometry, ground, largest, params);
-        self.cells.count(disparity, &self.standing);
+        self.cells.count(disparity, &self.standing, largest);
         self.columns.read(&self.cells, geometry, ground.is_some(), params, &mut self.peaks);
         self.join_peaks(geometry, params);
         self.form_clusters();

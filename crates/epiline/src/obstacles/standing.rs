@@ -22,12 +22,33 @@ const WALK_BITS: u32 = 12;
 /// The table for one frame; keeps its memory.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Standing {
-    /// Least and largest disparity of the plane for each raw disparity.
-    intervals: Vec<(i32, i32)>,
+    /// For each raw disparity the disparities of the plane at which it stands in the way.
+    intervals: Vec<Interval>,
     /// The plane's disparity at the origin, per column, per row; px.
     at_origin: f64,
     by_x: f64,
     by_y: f64,
+}
+
+/// From `least` on, so many more: one comparison tells what is in it.
+#[derive(Debug, Clone, Copy)]
+struct Interval {
+    least: i32,
+    more: u32,
+}
+
+impl Interval {
+    const ALL: Self = Self { least: i32::MIN, more: u32::MAX };
+    /// No plane has a disparity that large.
+    const NONE: Self = Self { least: i32::MAX, more: 0 };
+
+    fn between(least: i32, most: i32) -> Self {
+        if least <= most { Self { least, more: most.wrapping_sub(least) as u32 } } else { Self::NONE }
+    }
+
+    fn contains(self, plane: i32) -> bool {
+        plane.wrapping_sub(self.least) as u32 <= self.more
+    }
 }
 
 /// The plane's disparity along a row.
@@ -60,14 +81,12 @@ impl Standing {
             let at = |x: f64, y: f64| ground.plane_px(x, y);
             (at(0.0, 0.0), at(1.0, 0.0) - at(0.0, 0.0), at(0.0, 1.0) - at(0.0, 0.0))
         });
-        const NONE: (i32, i32) = (1, 0);
-        const ALL: (i32, i32) = (i32::MIN, i32::MAX);
         for raw in 0..=largest_raw {
             let seen_px = f64::from(raw) / f64::from(DisparityMap::SCALE) + geometry.doffs_px;
             let interval = if seen_px < smallest_px {
-                NONE
+                Interval::NONE
             } else {
-                ground.map_or(ALL, |ground| interval(ground, seen_px, params))
+                ground.map_or(Interval::ALL, |ground| interval(ground, seen_px, params))
             };
             self.intervals.push(interval);
         }
@@ -81,18 +100,17 @@ impl Standing {
 
     /// Whether a pixel stands in the way: its disparity, and the plane's in units of the table.
     pub fn holds(&self, raw: u16, plane: i32) -> bool {
-        let (least, most) = self.intervals[usize::from(raw)];
-        (least..=most).contains(&plane)
+        self.intervals[usize::from(raw)].contains(plane)
     }
 }
 
 /// Between which disparities of the plane something of a disparity stands in the way.
-fn interval(ground: &GroundPlane, seen_px: f64, params: &ObstacleParams) -> (i32, i32) {
+fn interval(ground: &GroundPlane, seen_px: f64, params: &ObstacleParams) -> Interval {
     let height_m = ground.camera_height_m;
     let elevation_m = ground.profile.elevation_m(ground.depth_m(seen_px));
     let at = |above_m: f64| seen_px * (1.0 - (elevation_m + above_m) / height_m);
     let unit = f64::from(1_u32 << FRACTION_BITS);
     let margin_px = ObstacleParams::MARGIN_SIGMAS * params.disparity_sigma_px;
     let most = at(ObstacleParams::STANDS_FROM * params.step_m).min(at(0.0) - margin_px);
-    ((at(params.headroom_m) * unit).ceil() as i32, (most * unit).floor() as i32)
+    Interval::between((at(params.headroom_m) * unit).ceil() as i32, (most * unit).floor() as i32)
 }
