@@ -8,11 +8,13 @@ use epiline::rectification::RectifiedGeometry;
 use nalgebra::Vector3;
 use scene::{HEIGHT, Random, WIDTH, geometry};
 
+type Inside = Box<dyn Fn(&Vector3<f64>) -> bool>;
+
 /// A flat patch: points with `normal·P = offset_m` that satisfy `inside`.
 struct Patch {
     normal: Vector3<f64>,
     offset_m: f64,
-    inside: Box<dyn Fn(&Vector3<f64>) -> bool>,
+    inside: Inside,
 }
 
 impl Patch {

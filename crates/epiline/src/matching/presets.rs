@@ -39,7 +39,9 @@ impl Preset {
         };
         match self {
             Self::Fast => MatcherParams::with_all_tests(),
-            Self::Balanced => MatcherParams { paths: 3, p2: 70, uniqueness_ratio: 8, speckle_size: 200, ..sgm },
+            Self::Balanced => {
+                MatcherParams { paths: 3, p2: 70, uniqueness_ratio: 8, speckle_size: 200, ..sgm }
+            }
             // What is not unique is filled better by its own value than by its neighbours'.
             Self::Accurate => MatcherParams { speckle_size: 400, smooth: true, ..sgm },
         }

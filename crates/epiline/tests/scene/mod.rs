@@ -1,4 +1,5 @@
 //! A small world of upright rectangles, a floor and a wall.
+#![allow(dead_code, reason = "each test uses a part of it")]
 
 use epiline::rectification::RectifiedGeometry;
 

@@ -112,7 +112,7 @@ impl CornerDetector {
             }
             if y >= BEHIND && (margin..height - margin).contains(&(y - BEHIND)) {
                 self.collect_maxima(y - BEHIND, valid, margin, per_cell, cell_px);
-                if (y - BEHIND + 1) % cell_px == 0 || y - BEHIND + 1 == height - margin {
+                if (y - BEHIND + 1).is_multiple_of(cell_px) || y - BEHIND + 1 == height - margin {
                     self.close_cells();
                 }
             }
