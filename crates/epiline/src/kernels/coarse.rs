@@ -79,7 +79,7 @@ fn refine<const CHUNK: usize>(row: &mut RefineRow<'_>) {
             let of_whole = &of_whole[at..at + CHUNK];
             let (mut of_means, mut own) = ([0; CHUNK], [0; CHUNK]);
             for i in 0..CHUNK {
-                let mean = (u16::from(larger[i]) + u16::from(smaller[i])).div_ceil(2);
+                let mean = (u16::from(larger[i]) + u16::from(smaller[i]) + 1) >> 1;
                 of_means[i] = weigh(mean, weight);
                 own[i] = weigh(of_whole[i].into(), weight);
             }

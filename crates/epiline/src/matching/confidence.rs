@@ -151,6 +151,47 @@ mod tests {
         assert_eq!(at(45, 25), 0, "nothing was measured");
     }
 
+    /// Pixel by pixel; rejected ones keep a value that continues the surface, and must count as missing all the same.
+    #[test]
+    fn confidence_follows_its_definition() {
+        let (width, height) = (41_isize, 33_isize);
+        let value = |x: isize, y: isize| 160 + 4 * x + 3 * y + (x * 7 + y * 5) % 9 * 3;
+        let bits = |x: isize, y: isize| match (x * 11 + y * 17) % 29 {
+            0 => Validity::SPECKLE,
+            1 => Validity::FILLED,
+            _ => 0,
+        };
+        let mut map = map(41, 33, |x, y| Some(value(x as isize, y as isize) as u16));
+        map.validity = Image::from_fn(41, 33, |x, y| bits(x as isize, y as isize));
+        let inside = |x: isize, y: isize| (0..width).contains(&x) && (0..height).contains(&y);
+        let at = |x: isize, y: isize| (inside(x, y) && bits(x, y) == 0).then(|| value(x, y));
+        let confidence = map.confidence();
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            let actual = f64::from(confidence.row(y as usize)[x as usize]);
+            let Some(own) = at(x, y) else {
+                assert!(actual == 0.0, "({x}, {y}) has no value");
+                continue;
+            };
+            let (mut doubt, mut largest) = (0.0, 1.0);
+            for (reach, limit, weight) in [(3, 2.0, 0.36), (6, 3.0, 0.4), (12, 4.0, 0.29)] {
+                largest += weight * limit;
+                for (i, j) in [(1, 0), (0, 1), (1, 1), (-1, 1)].map(|(i, j)| (i * reach, j * reach)) {
+                    let bend = match (at(x - i, y - j), at(x + i, y + j)) {
+                        (Some(before), Some(after)) => (before + after - 2 * own).abs() as f64 / 16.0,
+                        _ => limit,
+                    };
+                    doubt += weight / 4.0 * bend.min(limit);
+                }
+            }
+            let holes = (0..height).flat_map(|v| (0..width).map(move |u| (u, v)));
+            let nearest =
+                holes.filter(|&(u, v)| bits(u, v) != 0).map(|(u, v)| (u - x).abs() + (v - y).abs()).min();
+            doubt += (-(nearest.expect("a hole") as f64) / 8.0).exp();
+            let expected = 255.0 * (1.0 - doubt / largest);
+            assert!((actual - expected).abs() <= 0.51, "({x}, {y}): {actual}, not {expected}");
+        }
+    }
+
     #[test]
     fn distances_are_those_of_a_search() {
         let map = map(23, 17, |x, y| ((x * 7 + y * 13) % 41 != 0).then_some(16));
