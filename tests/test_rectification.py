@@ -95,6 +95,19 @@ def test_alpha_lies_where_opencvs_does(degrees: tuple[float, float, float]) -> N
     assert pair.right_valid.all()
 
 
+def test_pairs_share_masks_that_nobody_can_change_and_nothing_else() -> None:
+    rectifier = ep.Rectifier(rig((1.0, 1.5, -2.0)))
+    first, second = (rectifier(*[np.full((480, 640), level, np.uint8)] * 2) for level in (50, 90))
+    for pair in (first, second):
+        assert not pair.left_valid.flags.writeable
+        with pytest.raises(ValueError, match="read-only"):
+            pair.right_valid[0, 0] = True
+    first.left[...] = 7
+    assert second.left[240, 320] == 90
+    assert (second.left[second.left_valid] == 90).all()
+    assert (second.left[~second.left_valid] == 0).all()
+
+
 def test_options_of_the_view() -> None:
     wide = ep.Rectifier(rig((0.0, 0.0, 0.0)), size=(800, 300), fov_deg=90)
     assert (wide.geometry.width, wide.geometry.height) == (800, 300)
