@@ -32,7 +32,12 @@ class Upright:
 
 
 def trace(
-    boards: list[Upright], *, camera_height_m: float = 0.5, pitch_rad: float = 0.0, roll_rad: float = 0.0, wall_m: float = 9
+    boards: list[Upright],
+    *,
+    camera_height_m: float = 0.5,
+    pitch_rad: float = 0.0,
+    roll_rad: float = 0.0,
+    wall_m: float = 9,
 ) -> tuple[Floats, NDArray[np.int16]]:
     """Depth and what is seen (-2 wall, -1 floor, or a board's index) of every pixel."""
     down = np.array([np.cos(pitch_rad) * np.sin(roll_rad), np.cos(pitch_rad) * np.cos(roll_rad), np.sin(pitch_rad)])
@@ -106,7 +111,9 @@ def test_random_worlds_are_told_completely_and_nothing_else(geometry: ep.Rectifi
             ahead = rng.uniform(1.3, 4.0)
             left = (sector - 1.4) * 0.33 * ahead
             kind = rng.integers(3)
-            width, up = ((0.06, 1.0), (0.25 * ahead, 0.08), (rng.uniform(0.15, 0.3) * ahead, rng.uniform(0.3, 0.9)))[kind]
+            width, up = ((0.06, 1.0), (0.25 * ahead, 0.08), (rng.uniform(0.15, 0.3) * ahead, rng.uniform(0.3, 0.9)))[
+                kind
+            ]
             if kind == 1 and ahead > 2.2:
                 # A kerb farther away than this has too few rows in so small an image.
                 up = 0.2
@@ -180,6 +187,7 @@ def test_the_ground_is_a_pose_and_heights(geometry: ep.RectifiedGeometry) -> Non
     assert 0.2 < ground.support_share <= 1
     np.testing.assert_allclose(ground.down, [-0.0395, 0.988, 0.1494], atol=0.004)
     floor_px = ground.disparity_px(160, 220)
+    assert floor_px is not None
     assert floor_px == pytest.approx(FOCAL_PX * BASELINE_M / depth[220, 160], abs=0.15)
     assert ground.height_m(160, 220, floor_px) == pytest.approx(0, abs=1e-3)
     assert ground.disparity_px(160, 0) is None
