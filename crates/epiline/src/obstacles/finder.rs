@@ -147,8 +147,7 @@ impl ObstacleFinder {
                 let (peaks, points) = (&self.nearest[begin..end], &self.points[begin..end]);
                 let outliner = &mut self.outliner;
                 if let Some(found) = self.part.measure(peaks, points, outliner, geometry, ground, params) {
-                    let names = self.spare_lists.pop().unwrap_or_default();
-                    out.extend(found.in_regions(regions, names));
+                    out.extend(found.in_regions(regions, &mut self.spare_lists));
                 }
             }
         }
@@ -168,7 +167,7 @@ impl ObstacleFinder {
         bright.find(disparity, smallest_px, params, nearest, |peaks| {
             list_points(peaks, points);
             if let Some(found) = part.measure(peaks, points, outliner, geometry, None, params) {
-                out.extend(found.in_regions(regions, spare_lists.pop().unwrap_or_default()));
+                out.extend(found.in_regions(regions, spare_lists));
             }
         })
     }

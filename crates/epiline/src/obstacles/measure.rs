@@ -181,16 +181,21 @@ impl Part {
 }
 
 impl Obstacle {
-    /// The same with the regions it stands in, listed in `names`; `None` if there is none.
-    pub(super) fn in_regions(mut self, regions: &[Region], mut names: Vec<Arc<str>>) -> Option<Self> {
+    /// The same with the regions it stands in, in a list taken from `spare`; `None` if there is none.
+    pub(super) fn in_regions(mut self, regions: &[Region], spare: &mut Vec<Vec<Arc<str>>>) -> Option<Self> {
         let PixelBox { x, y, width, height } = self.bounds;
         let stands_in = |region: &&Region| {
             let across = region.x < x + width && x < region.x + region.width;
             across && region.y < y + height && y < region.y + region.height
         };
+        let mut names = spare.pop().unwrap_or_default();
         names.clear();
         names.extend(regions.iter().filter(stands_in).map(|region| region.name.clone()));
-        self.region = names.first()?.clone();
+        let Some(first) = names.first() else {
+            spare.push(names);
+            return None;
+        };
+        self.region = first.clone();
         self.regions = names;
         Some(self)
     }
