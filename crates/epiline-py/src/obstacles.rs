@@ -176,7 +176,7 @@ pub fn method_named(name: &str) -> PyResult<ObstacleMethod> {
 /// min_support : int
 ///     Pixels that a column must have within 1 px of disparity to see an obstacle there where no ground is known.
 /// min_height_m : float
-///     Where no ground is known, nothing lower is an obstacle, unless it reaches the upper or lower edge of the image.
+///     Where no ground is known, nothing lower is an obstacle, unless it reaches the lower edge of the image.
 /// step_m : float
 ///     What rises less over the ground can be driven over, metres.
 /// headroom_m : float

@@ -222,7 +222,7 @@ impl State {
 /// min_support : int
 ///     Pixels that a column must have within 1 px of disparity to see an obstacle there where no ground is known.
 /// min_height_m : float
-///     Where no ground is known, nothing lower is an obstacle, unless it reaches the upper or lower edge of the image.
+///     Where no ground is known, nothing lower is an obstacle, unless it reaches the lower edge of the image.
 /// ground : bool
 ///     Find the ground and tell obstacles by their height over it.
 /// mounting : Mounting, optional

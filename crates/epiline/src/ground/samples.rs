@@ -25,8 +25,6 @@ pub(super) struct Samples {
     pub all: Vec<Sample>,
     /// Where each looked at column begins in `all`, and the end of the last.
     pub column_starts: Vec<usize>,
-    /// Pixels that stand for one sample.
-    pub pixels_each: f64,
 }
 
 impl Samples {
@@ -36,7 +34,6 @@ impl Samples {
         let (across, down) = (width.div_ceil(COLUMNS), height.div_ceil(ROWS));
         self.all.clear();
         self.column_starts.clear();
-        self.pixels_each = (across * down) as f64;
         let doffs_px = geometry.doffs_px as f32;
         for x in (across / 2..width).step_by(across) {
             self.column_starts.push(self.all.len());

@@ -22,7 +22,7 @@ const SYSTEMATIC_SHARE: f64 = 0.68;
 const OUTLINE_SHARE: f64 = 0.008;
 /// Of the columns, the share whose first or last row may lie outside of the box: lone mismatches of the right disparity.
 const OUTSIDE: f64 = 0.25;
-/// Where the image's edge is this near, more of a thing may lie beyond it, rows.
+/// Where the image's lower edge is this near, more of a thing may lie beyond it, rows.
 const EDGE: usize = 3;
 
 /// Measures parts; keeps its memory.
@@ -83,10 +83,7 @@ impl Part {
                     && !(low && support < ObstacleParams::LOW_PIXELS)
                     && !(floats && fill < ObstacleParams::FLOATING_FILL)
             }
-            None => {
-                let at_edge = top <= EDGE || bottom + EDGE >= geometry.height;
-                at_edge || height_m >= params.min_height_m
-            }
+            None => bottom + EDGE >= geometry.height || height_m >= params.min_height_m,
         };
         if !high_enough || params.max_range_m.is_some_and(|limit_m| nearest.range_m > limit_m) {
             return None;

@@ -53,8 +53,8 @@ pub struct ObstacleParams {
     pub min_columns: usize,
     /// Pixels an obstacle must have in all, 0 to 1000000.
     pub min_pixels: usize,
-    /// Where no ground is known, nothing lower is reported, metres, not negative, unless it reaches the upper or lower
-    /// edge of the image, where more of it may be hidden. Drops the level patches that windows make of a floor of little
+    /// Where no ground is known, nothing lower is reported, metres, not negative, unless it reaches the lower edge of the
+    /// image, where more of it may be hidden. Drops the level patches that windows make of a floor of little
     /// texture; what is lower cannot be told from them.
     pub min_height_m: f64,
     /// What rises less over the ground can be driven over, metres, not negative.
@@ -144,7 +144,7 @@ impl ObstacleParams {
     /// Of what the least thing should show, this much must be there.
     const SHARE_SEEN: f64 = 0.5;
     /// Of an obstacle's box, this much must be seen: scattered mismatches fill less.
-    const LEAST_FILL: f64 = 0.4;
+    const LEAST_FILL: f64 = 0.35;
     /// What is lower than this over the ground must have more pixels than a patch of its noise.
     const LOW_M: f64 = 0.25;
     const LOW_PIXELS: usize = 150;
