@@ -56,9 +56,10 @@ pub(super) struct Seen {
 /// The u-disparity of a map: columns along x, bins along y.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cells {
+    /// Only the rows of bins in use mean something.
     cells: Vec<Cell>,
+    used: Vec<bool>,
     width: usize,
-    bins: usize,
     /// Rows from one looked at to the next.
     pub row_step: usize,
 }
@@ -72,10 +73,11 @@ impl Cells {
     /// Counts the pixels that stand on or hang over the ground; no disparity is larger than `largest` sixteenths.
     pub fn count(&mut self, disparity: &DisparityMap, standing: &Standing, largest: u16) {
         let (width, height) = (disparity.width(), disparity.height());
+        let bins = usize::from(largest / RAW_PER_BIN) + 1;
         self.width = width;
-        self.bins = usize::from(largest / RAW_PER_BIN) + 1;
-        self.cells.clear();
-        self.cells.resize(width * self.bins, Cell::default());
+        self.used.clear();
+        self.used.resize(bins, false);
+        self.cells.resize((width * bins).max(self.cells.len()), Cell::default());
         self.row_step = row_step(height);
         for y in (self.row_step / 2..height).step_by(self.row_step) {
             let mut plane = standing.row(y);
@@ -85,6 +87,10 @@ impl Cells {
                 let at = plane.next();
                 if Validity::has_value(bits) && standing.holds(raw, at) {
                     let bin = usize::from(raw / RAW_PER_BIN);
+                    if !self.used[bin] {
+                        self.used[bin] = true;
+                        self.cells[bin * width..(bin + 1) * width].fill(Cell::default());
+                    }
                     self.cells[bin * width + x].add(y, raw % RAW_PER_BIN);
                 }
             }
@@ -96,17 +102,18 @@ impl Cells {
     }
 
     pub fn bins(&self) -> usize {
-        self.bins
+        self.used.len()
     }
 
-    /// The cells of a bin, column by column.
-    pub fn row(&self, bin: usize) -> &[Cell] {
-        &self.cells[bin * self.width..(bin + 1) * self.width]
+    /// The cells of a bin, column by column; `None` if there is no pixel in it.
+    pub fn row(&self, bin: usize) -> Option<&[Cell]> {
+        let used = self.used.get(bin).is_some_and(|&used| used);
+        used.then(|| &self.cells[bin * self.width..(bin + 1) * self.width])
     }
 
-    /// Pixels of a column in a bin; none beyond the last bin.
+    /// Pixels of a column in a bin.
     pub fn count_at(&self, column: usize, bin: usize) -> usize {
-        if bin < self.bins { self.row(bin)[column].count() } else { 0 }
+        self.row(bin).map_or(0, |row| row[column].count())
     }
 
     /// What a column sees in some bins; they hold a pixel at least.
@@ -114,10 +121,8 @@ impl Cells {
         let (mut count, mut raw) = (0, 0);
         let (mut top, mut bottom) = (usize::MAX, 0);
         for bin in bins {
-            if bin >= self.bins {
-                break;
-            }
-            let cell = self.row(bin)[column];
+            let Some(row) = self.row(bin) else { continue };
+            let cell = row[column];
             if cell.count() > 0 {
                 count += cell.count();
                 raw += cell.sum() + cell.count() * bin * usize::from(RAW_PER_BIN);

@@ -74,9 +74,9 @@ impl ColumnReader {
         for bin in (0..cells.bins()).rev() {
             let needed =
                 params.support_px(geometry, Cells::center_px(bin), has_ground).div_ceil(cells.row_step);
-            let here = cells.row(bin);
-            let nearer = (bin + 1 < cells.bins()).then(|| cells.row(bin + 1));
-            let farther = (bin > 0).then(|| cells.row(bin - 1));
+            let Some(here) = cells.row(bin) else { continue };
+            let nearer = cells.row(bin + 1);
+            let farther = bin.checked_sub(1).and_then(|bin| cells.row(bin));
             for (column, cell) in here.iter().enumerate() {
                 let count = cell.count();
                 if count == 0 {
