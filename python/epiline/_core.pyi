@@ -21,6 +21,9 @@ __all__ = [
     "Error",
     "FrameResult",
     "GaussianLowPass",
+    "GroundEstimator",
+    "GroundPlane",
+    "Mounting",
     "Obstacle",
     "Outlier",
     "PairAlignment",
@@ -687,8 +690,8 @@ class GroundEstimator:
     def __new__(
         cls,
         *,
-        camera_height_m: tuple[float, float] = (0.05, 4.0),
-        pitch_rad: tuple[float, float] = (-0.35, 1.0),
+        camera_height_m: tuple[float, float] = ...,
+        pitch_rad: tuple[float, float] = ...,
         max_roll_rad: float = 0.35,
         mounting: Mounting | None = None,
         disparity_sigma_px: float = 0.25,
@@ -756,7 +759,7 @@ class Detection:
         width_m: float = 0.0,
         height_m: float = 0.0,
         support: int = 1,
-        box: tuple[int, int, int, int] = (0, 0, 0, 0),
+        box: tuple[int, int, int, int] = ...,
     ) -> Detection: ...
     @property
     def range_m(self) -> float: ...
