@@ -312,7 +312,8 @@ def test_a_camera_that_drives_past_things_that_stand_knows_its_speed() -> None:
             known = [t for t in tracks if t.confirmed and t.hits >= 6 and t.misses == 0]
             speeds = [np.hypot(*track.velocity_mps) for track in known]
             assert len(known) >= 5
-            assert np.median(speeds) < 0.8, k
+            # Of 12 m/s that everything comes nearer with.
+            assert np.median(speeds) < 1.2, k
     assert np.mean([track.velocity_mps[1] for track in known]) == pytest.approx(0, abs=0.5)
 
 

@@ -112,7 +112,7 @@ class _Labels:
     def put(self, track: TrackLike) -> None:
         """Above its box, below it, or else inside."""
         right_mps, forward_mps = track.velocity_mps
-        text = f"{track.id}: {track.range_m:.1f}+-{track.sigma_m:.1f}m {math.hypot(right_mps, forward_mps):.1f}m/s"
+        text = f"{track.id}: {track.range_m:.1f}+-{track.sigma_m:.2f}m {math.hypot(right_mps, forward_mps):.1f}m/s"
         (width, height), _ = cv2.getTextSize(text, _FONT, _TEXT_SCALE, 1)
         rows, columns = self._picture.shape[:2]
         x = max(0, min(track.box[0], columns - width))
