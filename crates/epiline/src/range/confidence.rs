@@ -21,7 +21,7 @@ const KNOTS: [(u8, f32); 11] = [
 
 /// Standard deviation of a disparity of this confidence ([`DisparityMap::confidence`](crate::matching::DisparityMap::confidence)), px.
 ///
-/// Errors have longer tails than a normal distribution: on real scenes 88 to 92 % lie within twice of it, not 95 %.
+/// Errors have longer tails than a normal distribution: on real scenes 89 to 93 % lie within twice of it, not 95 %.
 pub fn disparity_sigma_px(confidence: u8) -> f32 {
     let above = KNOTS
         .iter()

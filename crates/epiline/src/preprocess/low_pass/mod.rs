@@ -29,8 +29,8 @@ pub struct GaussianLowPass {
 
 #[expect(clippy::large_enum_variant, reason = "one to a filter, beside buffers of an image's size")]
 enum Way {
-    Frequency(FrequencyFilter),
-    Spatial(SpatialFilter),
+    Frequency(Box<FrequencyFilter>),
+    Spatial(Box<SpatialFilter>),
 }
 
 impl GaussianLowPass {
@@ -44,9 +44,10 @@ impl GaussianLowPass {
     /// [`Error::InvalidParameter`] unless `sigma` is positive and finite and the size is that of an image.
     pub fn new(width: usize, height: usize, sigma: f64) -> Result<Self> {
         check(width, height, sigma)?;
-        let way = SpatialFilter::new(width, height, sigma)
-            .map_or_else(|| Way::Frequency(FrequencyFilter::new(width, height, sigma)), Way::Spatial);
-        Ok(Self { width, height, way })
+        match SpatialFilter::new(width, height, sigma) {
+            Some(filter) => Ok(Self { width, height, way: Way::Spatial(Box::new(filter)) }),
+            None => Self::in_frequency_domain(width, height, sigma),
+        }
     }
 
     /// The filter as the equation writes it, by Fourier transforms; exact to rounding, and several times slower.
@@ -56,7 +57,7 @@ impl GaussianLowPass {
     /// As [`new`](Self::new).
     pub fn in_frequency_domain(width: usize, height: usize, sigma: f64) -> Result<Self> {
         check(width, height, sigma)?;
-        Ok(Self { width, height, way: Way::Frequency(FrequencyFilter::new(width, height, sigma)) })
+        Ok(Self { width, height, way: Way::Frequency(Box::new(FrequencyFilter::new(width, height, sigma))) })
     }
 
     /// Whether it works by sums over neighbours.
