@@ -45,7 +45,7 @@ _FLOOR = {
     "scan_free_wrong": "wrongly free %",
     "scan_unknown": "unknown %",
 }
-_RANGES |= {f"region_{name}": f"regions: {title}" for name, title in _RANGES.items()}
+_RANGES |= {f"region_{name}": "regions" if name == "ranges" else title for name, title in _RANGES.items()}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -112,7 +112,7 @@ def _score_courses(args: argparse.Namespace, entry: Entry) -> None:
     rows += _totals(scored)
     for title, columns in (
         (f"{entry.name}: obstacles up to 6 m on rendered courses", _FOUND),
-        ("their ranges, and the nearest ranges of regions", _RANGES),
+        ("their ranges; the nearest ranges of regions", _RANGES),
         ("the ground, and the scan over it", _FLOOR),
     ):
         print_table(title, ("", *columns.values()), [(name, *_figures(tally, columns)) for name, tally in rows])

@@ -168,6 +168,6 @@ def _print(args: argparse.Namespace, tables: dict[str, list[Row]], dense: int, l
         columns = tuple(rows[0][2])
         print_table(
             titles[name],
-            ("", "scenes", *(column.replace("_", " ") for column in columns)),
+            ("", "scenes", *(column.removesuffix("_m").replace("_off", "").replace("_", " ") for column in columns)),
             [(method, group, *figures.values()) for method, group, figures in rows],
         )
