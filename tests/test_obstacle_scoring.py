@@ -211,6 +211,19 @@ def test_the_far_part_of_a_long_solid_does_not_find_it() -> None:
     assert "box" in [asked.name for asked in score_frame([far, near], long, Rules()).found]
 
 
+def test_of_a_slanting_face_the_point_of_smallest_depth_or_of_smallest_range_finds_it() -> None:
+    """The face recedes toward the axis: its far end has the larger depth and may yet be the nearest point."""
+    truth = frame()
+    depth = np.where(truth.standing == BOX, 3.0 + 0.35 * (np.arange(WIDTH) - 20) / 39, truth.depth_m)
+    lateral = (np.arange(WIDTH) - CX) / FOCAL_PX * depth
+    range_m = np.where(truth.standing == BOX, 3.0 + 0.35 * (59 - np.arange(WIDTH)) / 39, truth.range_m)
+    slanting = replace(truth, depth_m=depth, lateral_m=lateral, range_m=range_m)
+    smallest_depth, smallest_range = report(3.0, 20, 22), replace(report(3.35, 20, 59), range_m=3.0)
+    neither = replace(report(3.35, 20, 59), range_m=3.35)
+    for said, found in ((smallest_depth, True), (smallest_range, True), (neither, False)):
+        assert ("box" in [a.name for a in score_frame([said], slanting, Rules()).found]) == found
+
+
 def test_shares_within_one_and_two_sigma() -> None:
     z = np.random.default_rng(5).standard_normal(4000)
     samples = [RangeSample("a", 2.0 + 0.01 * value, 2.0, 0.01) for value in z]

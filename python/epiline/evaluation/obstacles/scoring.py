@@ -8,8 +8,9 @@ A report claims: "between these columns something stands at this depth". It is
 * a **ghost** otherwise.
 
 An obstacle is found by a report of whose columns and tolerance it has `SUPPORT_PX` pixels, and whose depth is within
-the tolerance of its nearest one. Depth decides, not range, because a face seen square on has one. Nothing here knows
-how a finder works.
+the tolerance of its smallest, or whose range is within that of its smallest: of a face seen square on every point has
+the smallest depth, of one seen at an angle another point may have the smallest range. Nothing here knows how a finder
+works.
 """
 
 from __future__ import annotations
@@ -218,15 +219,17 @@ def _shared(one: Report, other: Report) -> float:
 
 
 def _finder(obstacle: Asked, reports: Sequence[Report], truth: FrameTruth, rules: Rules) -> Report | None:
-    """The report that finds an obstacle: of those that do, the one closest to its nearest depth."""
+    """The report that finds an obstacle: of those that do, the one closest to its nearest point."""
     candidates = []
     for report in reports:
-        off_m = abs(report.depth_m - obstacle.depth_m)
-        if off_m > rules.tolerance_m(report):
+        by_depth = abs(report.depth_m - obstacle.depth_m) / report.depth_m
+        by_range = abs(report.range_m - obstacle.range_m) / report.range_m
+        off = min(by_depth, by_range)
+        if off > rules.tolerance_m(report) / report.depth_m:
             continue
         columns, near = _within(report, truth, rules)
         if int((truth.standing[:, columns][near] == obstacle.object_id).sum()) >= SUPPORT_PX:
-            candidates.append((off_m, report))
+            candidates.append((off, report))
     return min(candidates, key=lambda candidate: candidate[0])[1] if candidates else None
 
 
