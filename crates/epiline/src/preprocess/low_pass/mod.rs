@@ -27,7 +27,6 @@ pub struct GaussianLowPass {
     way: Way,
 }
 
-#[expect(clippy::large_enum_variant, reason = "one to a filter, beside buffers of an image's size")]
 enum Way {
     Frequency(Box<FrequencyFilter>),
     Spatial(Box<SpatialFilter>),
