@@ -19,6 +19,7 @@ impl Cell {
     const SUM_MASK: u64 = (1 << 18) - 1;
 
     /// Rows come from the top; there are at most 16 384, so no part overflows.
+    #[inline]
     fn add(&mut self, y: usize, beyond: u16) {
         let first = u64::from(self.0 == 0) * ((y as u64) << Self::TOP_SHIFT);
         let pixel = (1 << Self::COUNT_SHIFT) | (u64::from(beyond) << Self::SUM_SHIFT) | y as u64;
@@ -26,6 +27,7 @@ impl Cell {
     }
 
     /// Pixels.
+    #[inline]
     pub fn count(self) -> usize {
         (self.0 >> Self::COUNT_SHIFT) as usize
     }
@@ -106,6 +108,7 @@ impl Cells {
     }
 
     /// The cells of a bin, column by column; `None` if there is no pixel in it.
+    #[inline]
     pub fn row(&self, bin: usize) -> Option<&[Cell]> {
         let used = self.used.get(bin).is_some_and(|&used| used);
         used.then(|| &self.cells[bin * self.width..(bin + 1) * self.width])

@@ -46,6 +46,7 @@ impl Interval {
         if least <= most { Self { least, more: most.wrapping_sub(least) as u32 } } else { Self::NONE }
     }
 
+    #[inline]
     fn contains(self, plane: i32) -> bool {
         plane.wrapping_sub(self.least) as u32 <= self.more
     }
@@ -59,6 +60,7 @@ pub(super) struct Walk {
 
 impl Walk {
     /// At the next column, in units of the table.
+    #[inline]
     pub fn next(&mut self) -> i32 {
         let here = self.at >> WALK_BITS;
         self.at += self.step;
@@ -99,6 +101,7 @@ impl Standing {
     }
 
     /// Whether a pixel stands in the way: its disparity, and the plane's in units of the table.
+    #[inline]
     pub fn holds(&self, raw: u16, plane: i32) -> bool {
         self.intervals[usize::from(raw)].contains(plane)
     }
