@@ -38,7 +38,7 @@ const OUTWEIGHED: usize = 8;
 /// An outline has a corner where it leaves a straight line by more than this, px.
 const CORNER_PX: f64 = 0.45;
 /// It is cut at a corner that recedes by more than this, px, and more than this, metres.
-const RECESS_PX: f64 = 0.35;
+const RECESS_PX: f64 = 0.28;
 const RECESS_M: f64 = 0.08;
 /// A plane that passes the camera at less than this, metres, is none: matching windows that see both of two surfaces lie
 /// between them.
