@@ -112,3 +112,24 @@ def test_bad_input_is_one_clear_error(geometry: ep.RectifiedGeometry) -> None:
     with pytest.raises(TypeError, match="StereoCalibration"):
         ep.Pipeline("rig.yaml")  # type: ignore[arg-type]
     pipeline.process(left, right)
+
+
+def test_a_floor_seen_too_steeply_to_scan_does_not_end_a_run() -> None:
+    """The lowest rows look straight down: directions over the floor would meet in them."""
+    pitch_rad, height_m = 0.9, 0.5
+    geometry = ep.RectifiedGeometry(width=320, height=240, focal_px=150, cx_px=159.5, cy_px=119.5, baseline_m=0.12)
+    y = (np.arange(240) - geometry.cy_px) / geometry.focal_px
+    disparity_px = geometry.focal_px * geometry.baseline_m * (np.cos(pitch_rad) * y + np.sin(pitch_rad)) / height_m
+    left = np.random.default_rng(4).integers(0, 256, (240, 400)).astype(float)
+    columns = np.arange(320)
+    right = [
+        np.interp(columns + shift_px, np.arange(400), row) for row, shift_px in zip(left, disparity_px, strict=True)
+    ]
+    pipeline = ep.Pipeline(geometry, matcher=ep.StereoMatcher(num_disparities=64, block_size=9))
+    result = pipeline.process(left[:, :320].astype(np.uint8), np.round(right).astype(np.uint8))
+    assert result.ground is not None
+    assert result.ground.pitch_rad == pytest.approx(pitch_rad, abs=0.02)
+    with pytest.raises(ep.Error, match="too steeply"):
+        ep.scan(result.disparity, geometry, ground=result.ground)
+    expected = ep.scan(result.disparity, geometry)
+    np.testing.assert_array_equal(result.scan.nearest_m, expected.nearest_m)

@@ -407,10 +407,16 @@ impl Pipeline {
         times.tracks = lap.time();
 
         if let Some(params) = &self.params.scan {
-            let ground = result.ground.as_ref().ok();
             let mounting = self.params.robot_from_camera.as_ref();
-            let scan = &mut result.scan;
-            self.scanner.scan(&result.disparity, &self.geometry, ground, mounting, params, scan)?;
+            let (disparity, scan) = (&result.disparity, &mut result.scan);
+            let mut scan_over =
+                |ground| self.scanner.scan(disparity, &self.geometry, ground, mounting, params, scan);
+            let ground = result.ground.as_ref().ok();
+            // An estimate so steep that directions meet over it is one frame's mistake, not the end of a run.
+            match scan_over(ground) {
+                Err(Error::Degenerate { .. }) if ground.is_some() => scan_over(None)?,
+                outcome => outcome?,
+            }
         }
         times.scan = lap.time();
 
