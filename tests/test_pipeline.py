@@ -129,6 +129,7 @@ def test_a_floor_seen_too_steeply_to_scan_does_not_end_a_run() -> None:
     result = pipeline.process(left[:, :320].astype(np.uint8), np.round(right).astype(np.uint8))
     assert result.ground is not None
     assert result.ground.pitch_rad == pytest.approx(pitch_rad, abs=0.02)
+    assert result.ground.camera.height_m == result.ground.camera_height_m == pytest.approx(height_m, rel=0.05)
     with pytest.raises(ep.Error, match="too steeply"):
         ep.scan(result.disparity, geometry, ground=result.ground)
     expected = ep.scan(result.disparity, geometry)

@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 use crate::convert::OrRaise;
 use crate::matching::PyDisparityMap;
 use crate::rectification::PyRectifiedGeometry;
+use crate::regions::PyCameraOverGround;
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -124,6 +125,12 @@ impl PyGroundPlane {
         let knots: Vec<Vec<f64>> =
             self.0.profile.knots().map(|(depth_m, up_m)| vec![depth_m, up_m]).collect();
         Ok(PyArray2::from_vec2(py, &knots)?)
+    }
+
+    /// How the camera stands over the plane: what regions in metres are placed by.
+    #[getter]
+    fn camera(&self) -> PyCameraOverGround {
+        PyCameraOverGround(self.0.camera())
     }
 
     /// (3,) float64: the unit vector from the camera straight down onto the plane, in the left aligned frame.

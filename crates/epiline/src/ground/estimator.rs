@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::elevation::ProfileFinder;
 use super::plane::GroundPlane;
-use super::plane_fit::{DisparityPlane, FittedPlane, Pose, refit};
+use super::plane_fit::{DisparityPlane, FittedPlane, refit};
 use super::samples::{Sample, Samples};
 use super::search::{Held, Search, held, tolerance_px};
 use super::{Ground, GroundParams, NoGround};
@@ -280,11 +280,11 @@ fn in_disparity(plane: &DisparityPlane, geometry: &RectifiedGeometry, sigmas: [f
 }
 
 fn walk(plane: &DisparityPlane, geometry: &RectifiedGeometry) -> Matrix3<f64> {
-    let Pose { height_m, .. } = plane.pose(geometry);
+    let height_m = plane.pose(geometry).height_m;
     in_disparity(plane, geometry, [HEIGHT_WALK * height_m, PITCH_WALK_RAD, ROLL_WALK_RAD])
 }
 
 fn floor(plane: &DisparityPlane, geometry: &RectifiedGeometry) -> Matrix3<f64> {
-    let Pose { height_m, .. } = plane.pose(geometry);
+    let height_m = plane.pose(geometry).height_m;
     in_disparity(plane, geometry, [HEIGHT_FLOOR * height_m, ANGLE_FLOOR_RAD, ANGLE_FLOOR_RAD])
 }

@@ -16,12 +16,11 @@ mod search;
 use crate::error::{Error, Result};
 use crate::matching::DisparityMap;
 use crate::rectification::RectifiedGeometry;
+use crate::regions::CameraOverGround;
 
 pub use estimator::GroundEstimator;
 pub use plane::GroundPlane;
 pub use profile::Profile;
-
-use plane_fit::Pose;
 
 /// How the camera is mounted, as far as the user knows: a first guess, and what the first frame is drawn toward.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,12 +40,16 @@ pub struct Mounting {
 }
 
 impl Mounting {
-    fn pose(&self) -> Pose {
-        Pose { height_m: self.camera_height_m, pitch_rad: self.pitch_rad, roll_rad: self.roll_rad }
+    fn pose(&self) -> CameraOverGround {
+        CameraOverGround {
+            height_m: self.camera_height_m,
+            pitch_rad: self.pitch_rad,
+            roll_rad: self.roll_rad,
+        }
     }
 
     /// Whether a pose is within five standard deviations.
-    fn allows(&self, pose: &Pose) -> bool {
+    fn allows(&self, pose: &CameraOverGround) -> bool {
         let near = |value: f64, mean: f64, sigma: f64| (value - mean).abs() <= 5.0 * sigma;
         near(pose.height_m, self.camera_height_m, self.camera_height_sigma_m)
             && near(pose.pitch_rad, self.pitch_rad, self.pitch_sigma_rad)
@@ -109,7 +112,7 @@ impl GroundParams {
         crate::range::check_disparity_sigma(self.disparity_sigma_px)
     }
 
-    fn is_plausible(&self, pose: &Pose) -> bool {
+    fn is_plausible(&self, pose: &CameraOverGround) -> bool {
         let within = |value: f64, (low, high): (f64, f64)| low <= value && value <= high;
         within(pose.height_m, self.camera_height_m)
             && within(pose.pitch_rad, self.pitch_rad)

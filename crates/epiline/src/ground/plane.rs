@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::profile::Profile;
 use crate::rectification::RectifiedGeometry;
+use crate::regions::CameraOverGround;
 
 /// The ground in front of the camera: a plane, and how the ground rises over it ahead.
 ///
@@ -72,6 +73,12 @@ impl GroundPlane {
             support_share: 0.0,
             coefficients,
         }
+    }
+
+    /// How the camera stands over the plane: what regions in metres are placed by.
+    pub fn camera(&self) -> CameraOverGround {
+        let Self { camera_height_m: height_m, pitch_rad, roll_rad, .. } = *self;
+        CameraOverGround { height_m, pitch_rad, roll_rad }
     }
 
     /// The unit vector from the camera straight down onto the plane, in the left aligned frame.

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::samples::Sample;
 use crate::rectification::RectifiedGeometry;
+use crate::regions::CameraOverGround;
 
 /// Samples of one plane share errors: so many count as one.
 const ALIKE: f64 = 4.0;
@@ -19,25 +20,17 @@ pub(super) struct DisparityPlane {
     pub at_center: f64,
 }
 
-/// How the camera stands over a plane.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pose {
-    pub height_m: f64,
-    pub pitch_rad: f64,
-    pub roll_rad: f64,
-}
-
 impl DisparityPlane {
     pub fn at(&self, sample: &Sample) -> f64 {
         self.by_u * f64::from(sample.u) + self.by_v * f64::from(sample.v) + self.at_center
     }
 
     /// The pose that sees this plane; of no meaning unless `by_v` is positive.
-    pub fn pose(&self, geometry: &RectifiedGeometry) -> Pose {
+    pub fn pose(&self, geometry: &RectifiedGeometry) -> CameraOverGround {
         // (by_u, by_v, at_center / f) is the unit vector down times baseline / height.
         let n = Vector3::new(self.by_u, self.by_v, self.at_center / geometry.focal_px);
         let length = n.norm();
-        Pose {
+        CameraOverGround {
             height_m: geometry.baseline_m / length,
             pitch_rad: (n.z / length).asin(),
             roll_rad: n.x.atan2(n.y),
@@ -45,7 +38,7 @@ impl DisparityPlane {
     }
 
     /// The plane that a pose sees.
-    pub fn of_pose(pose: &Pose, geometry: &RectifiedGeometry) -> Self {
+    pub fn of_pose(pose: &CameraOverGround, geometry: &RectifiedGeometry) -> Self {
         let per_m = geometry.baseline_m / pose.height_m;
         let (sin_pitch, cos_pitch) = pose.pitch_rad.sin_cos();
         let (sin_roll, cos_roll) = pose.roll_rad.sin_cos();
