@@ -112,24 +112,26 @@ impl GroundPlane {
     }
 
     /// The disparity, counted from infinity, at which something `height_m` above the ground is seen where the plane has
-    /// the disparity `plane_px`: the solution of `p = s·(1 - (e + height) / h)`, by fixed-point iteration. Zero where
-    /// there is none, above the horizon of that height.
+    /// the disparity `plane_px`: where the line of sight, which falls `h·p / (f·b)` per metre ahead, meets `e(Z) +
+    /// height`. By Newton's method: exact once the knots are found between which it does, for there `e` is straight.
+    /// Zero where there is none, above the horizon of that height.
     pub(crate) fn seen_px(&self, plane_px: f64, height_m: f64) -> f64 {
-        // Elevations change by a share of the depth much less than one: each step gains a digit.
-        const STEPS: usize = 4;
-        let solve = |elevation_m: f64| {
-            let share = 1.0 - (elevation_m + height_m) / self.camera_height_m;
-            // What is as high as the camera is seen on the horizon at every disparity.
-            if share.abs() < 1e-6 { 0.0 } else { (plane_px / share).max(0.0) }
-        };
-        let mut seen = solve(0.0);
+        const STEPS: usize = 8;
+        let clearance_m = self.camera_height_m - height_m;
+        let fall = self.camera_height_m * plane_px / self.coefficients.focal_baseline;
+        let mut depth_m = clearance_m / fall;
         for _ in 0..STEPS {
-            if seen <= 0.0 {
+            if !(depth_m > 0.0 && depth_m.is_finite()) {
+                return 0.0;
+            }
+            let (elevation_m, slope) = self.profile.elevation_and_slope(depth_m);
+            let met_m = (clearance_m - elevation_m + slope * depth_m) / (fall + slope);
+            if met_m == depth_m {
                 break;
             }
-            seen = solve(self.profile.elevation_m(self.depth_m(seen)));
+            depth_m = met_m;
         }
-        seen
+        if depth_m > 0.0 && depth_m.is_finite() { self.seen_at_m(depth_m) } else { 0.0 }
     }
 
     /// Disparity of the plane, counted from infinity; negative above the horizon.

@@ -35,11 +35,21 @@ impl Profile {
 
     /// Elevation at a depth, metres.
     pub fn elevation_m(&self, depth_m: f64) -> f64 {
-        let place = self.place(depth_m).clamp(0.0, (KNOTS - 1) as f64);
-        let knot = (place as usize).min(KNOTS - 2);
-        let (before, after) = (self.depth_m(knot), self.depth_m(knot + 1));
-        let share = ((depth_m - before) / (after - before)).clamp(0.0, 1.0);
-        self.elevation_m[knot] + share * (self.elevation_m[knot + 1] - self.elevation_m[knot])
+        self.elevation_and_slope(depth_m).0
+    }
+
+    /// Elevation at a positive depth, metres, and how much it rises there per metre ahead.
+    pub(super) fn elevation_and_slope(&self, depth_m: f64) -> (f64, f64) {
+        let knot = (self.place(depth_m).max(0.0) as usize).min(KNOTS - 2);
+        let (before_m, after_m) = (self.depth_m(knot), self.depth_m(knot + 1));
+        let slope = (self.elevation_m[knot + 1] - self.elevation_m[knot]) / (after_m - before_m);
+        if depth_m < before_m {
+            (self.elevation_m[knot], 0.0)
+        } else if depth_m > after_m {
+            (self.elevation_m[knot + 1], 0.0)
+        } else {
+            (self.elevation_m[knot] + slope * (depth_m - before_m), slope)
+        }
     }
 
     /// Depth of a knot, metres.

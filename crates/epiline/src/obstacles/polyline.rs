@@ -123,21 +123,23 @@ mod tests {
         (0..60).map(|x| Point { x: f64::from(x), disparity_px: of(f64::from(x)), weight: 1.0 }).collect()
     }
 
+    /// A median levels the five points about a bend: its corner is found to within a column.
     #[test]
     fn a_bent_line_has_its_corners_where_it_bends() {
         let tent = points(|x| 20.0 - 0.2 * (x - 25.0).abs());
         let mut outliner = Outliner::default();
         outliner.find_corners(&tent, 0.5);
-        assert_eq!(outliner.corners, [0, 25, 59]);
+        let at_bend = |corners: &[usize]| matches!(corners, [0, 24..=26, 59]);
+        assert!(at_bend(&outliner.corners), "{:?}", outliner.corners);
         let mut fitted = Vec::new();
         outliner.fit(&tent, &mut fitted);
         assert!(outliner.recess_px(&tent, &fitted, 1) < 0.0);
         for (got, expected) in fitted.iter().zip([15.0, 20.0, 13.2]) {
-            assert!((got - expected).abs() < 1e-9, "{fitted:?}");
+            assert!((got - expected).abs() < 0.2, "{fitted:?}");
         }
         let valley = points(|x| 20.0 + 0.2 * (x - 25.0).abs());
         outliner.find_corners(&valley, 0.5);
-        assert_eq!(outliner.corners, [0, 25, 59]);
+        assert!(at_bend(&outliner.corners), "{:?}", outliner.corners);
         outliner.fit(&valley, &mut fitted);
         assert!(outliner.recess_px(&valley, &fitted, 1) > 3.0);
     }
