@@ -125,7 +125,7 @@ def test_a_floor_seen_too_steeply_to_scan_does_not_end_a_run() -> None:
     right = [
         np.interp(columns + shift_px, np.arange(400), row) for row, shift_px in zip(left, disparity_px, strict=True)
     ]
-    pipeline = ep.Pipeline(geometry, matcher=ep.StereoMatcher(num_disparities=64, block_size=9))
+    pipeline = ep.Pipeline(geometry, matcher=ep.StereoMatcher(num_disparities=64, block_size=9), scanner=ep.Scanner())
     result = pipeline.process(left[:, :320].astype(np.uint8), np.round(right).astype(np.uint8))
     assert result.ground is not None
     assert result.ground.pitch_rad == pytest.approx(pitch_rad, abs=0.02)
