@@ -14,6 +14,7 @@ import pytest
 import epiline as ep
 from epiline.benchmarking import Plan, Row, levels_here, measure_level, rows_as_csv
 from epiline.benchmarking import contestants as run
+from epiline.benchmarking import rounds as rounds_of
 from epiline.benchmarking.contests import _equal_inside, rows
 from epiline.benchmarking.pairs import Pair, pair_from
 from epiline.benchmarking.rounds import ratio, time_in_turns
@@ -39,13 +40,18 @@ def test_ratio_is_the_median_of_the_repetitions_ratios() -> None:
     assert ratio(slower, faster).high == 5.0
 
 
-def test_repetitions_alternate_after_a_first_turn_that_does_not_count() -> None:
+def test_repetitions_alternate_after_a_first_turn_that_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
     answer = np.zeros((1, 1), np.float32)
     both = [run.Contestant(n, lambda n=n: calls.append(n), lambda: answer) for n in "ab"]  # type: ignore[misc]
     assert time_in_turns(both, 5, 60.0, one_thread=True).shape == (5, 2)
     assert "".join(calls) == "ab" * 6
+    calls.clear()
+    # Where one turn takes all the time there is, the first counts, and two more follow.
     assert len(time_in_turns(both, 5, 0.0, one_thread=False)) == 3
+    assert "".join(calls) == "ab" * 3
+    monkeypatch.setattr(rounds_of, "_LONG_S", 0.0)
+    assert len(time_in_turns(both, 5, 60.0, one_thread=True)) == 1
 
 
 def test_block_matching_is_compared_with_stereo_bm_number_by_number(pair: Pair) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from epiline._core import Region, StereoMatcher
+from epiline._core import DisparityMap, Region, StereoMatcher
 from epiline.benchmarking.pairs import Pair
 
 Answer = NDArray[np.float32]
@@ -45,8 +45,18 @@ class Contestant:
 def ours(name: str, pair: Pair, threads: int, **parameters: Any) -> Contestant:
     """Our matcher; its map is made once, as in a stream."""
     matcher = StereoMatcher(threads=threads, **parameters)
-    out = matcher(pair.left, pair.right)
-    return Contestant(name, lambda: matcher(pair.left, pair.right, out=out), lambda: out.values)
+
+    made: list[DisparityMap] = []
+
+    def work() -> None:
+        made[:] = [matcher(pair.left, pair.right, out=made[0] if made else None)]
+
+    def answer() -> Answer:
+        if not made:
+            work()
+        return made[0].values
+
+    return Contestant(name, work, answer)
 
 
 def sad(
