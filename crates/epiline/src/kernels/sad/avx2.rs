@@ -141,18 +141,30 @@ impl SplitLanes for U16x16 {
     // There is no permutation of 16-bit lanes across a whole vector; the ring is as fast as what would replace it.
     const PICKS: bool = false;
 
-    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool>(
+    unsafe fn sad_row<
+        const P: usize,
+        const SMALL: bool,
+        const LEFT_RIGHT: bool,
+        const COARSE: bool,
+        const IDLE: bool,
+    >(
         row: &mut SadRow<'_, u16>,
     ) {
         #[target_feature(enable = "avx2,bmi1,popcnt")]
-        unsafe fn compiled<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool>(
+        unsafe fn compiled<
+            const P: usize,
+            const SMALL: bool,
+            const LEFT_RIGHT: bool,
+            const COARSE: bool,
+            const IDLE: bool,
+        >(
             row: &mut SadRow<'_, u16>,
         ) {
             // SAFETY: the caller's.
-            unsafe { vector::sad_row::<U16x16, P, SMALL, LEFT_RIGHT, COARSE>(row) }
+            unsafe { vector::sad_row::<U16x16, P, SMALL, LEFT_RIGHT, COARSE, IDLE>(row) }
         }
         // SAFETY: see above.
-        unsafe { compiled::<P, SMALL, LEFT_RIGHT, COARSE>(row) }
+        unsafe { compiled::<P, SMALL, LEFT_RIGHT, COARSE, IDLE>(row) }
     }
 
     #[target_feature(enable = "avx2,bmi1,popcnt")]

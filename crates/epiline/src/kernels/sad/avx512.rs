@@ -172,18 +172,30 @@ impl Lanes for U16x32 {
 impl SplitLanes for U16x32 {
     const PICKS: bool = true;
 
-    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool>(
+    unsafe fn sad_row<
+        const P: usize,
+        const SMALL: bool,
+        const LEFT_RIGHT: bool,
+        const COARSE: bool,
+        const IDLE: bool,
+    >(
         row: &mut SadRow<'_, u16>,
     ) {
         #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx2,bmi1,popcnt")]
-        unsafe fn compiled<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool>(
+        unsafe fn compiled<
+            const P: usize,
+            const SMALL: bool,
+            const LEFT_RIGHT: bool,
+            const COARSE: bool,
+            const IDLE: bool,
+        >(
             row: &mut SadRow<'_, u16>,
         ) {
             // SAFETY: the caller's.
-            unsafe { vector::sad_row::<U16x32, P, SMALL, LEFT_RIGHT, COARSE>(row) }
+            unsafe { vector::sad_row::<U16x32, P, SMALL, LEFT_RIGHT, COARSE, IDLE>(row) }
         }
         // SAFETY: see above.
-        unsafe { compiled::<P, SMALL, LEFT_RIGHT, COARSE>(row) }
+        unsafe { compiled::<P, SMALL, LEFT_RIGHT, COARSE, IDLE>(row) }
     }
 
     #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx2,bmi1,popcnt")]

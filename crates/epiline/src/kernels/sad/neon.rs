@@ -138,11 +138,17 @@ impl Lanes for U16x8 {
 impl SplitLanes for U16x8 {
     const PICKS: bool = false;
 
-    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool>(
+    unsafe fn sad_row<
+        const P: usize,
+        const SMALL: bool,
+        const LEFT_RIGHT: bool,
+        const COARSE: bool,
+        const IDLE: bool,
+    >(
         row: &mut SadRow<'_, u16>,
     ) {
         // SAFETY: see above.
-        unsafe { vector::sad_row::<Self, P, SMALL, LEFT_RIGHT, COARSE>(row) }
+        unsafe { vector::sad_row::<Self, P, SMALL, LEFT_RIGHT, COARSE, IDLE>(row) }
     }
 
     unsafe fn add_row(row: &mut AddRow<'_, u16>) {

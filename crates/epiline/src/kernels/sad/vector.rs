@@ -36,7 +36,7 @@
 
 use super::picked::{BATCH, Picked, as_choices, put};
 use super::ring::Ring;
-use super::{AddRow, Cost, RowPair, RowShape, SadRow};
+use super::{AddRow, Cost, RowPair, RowShape, SadRow, first_set};
 
 /// How far the left–right test may reach without the ring.
 const NEAR: usize = 1;
@@ -76,7 +76,13 @@ pub(in crate::kernels) trait SplitLanes: Lanes {
     /// Whether [`pick`](Self::pick) exists.
     const PICKS: bool;
     /// [`sad_row`], compiled for the instruction set.
-    unsafe fn sad_row<const P: usize, const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool>(
+    unsafe fn sad_row<
+        const P: usize,
+        const SMALL: bool,
+        const LEFT_RIGHT: bool,
+        const COARSE: bool,
+        const IDLE: bool,
+    >(
         row: &mut SadRow<'_, u16>,
     );
     /// [`add_row`], compiled for the instruction set.
@@ -104,8 +110,8 @@ pub(in crate::kernels) type Column<V, const P: usize> = [[V; 2]; P];
 ///
 /// # Safety
 /// The processor has the instructions of `V`, `row.check` passed, `shape.lanes` is `2 * P * V::COUNT`, no difference
-/// exceeds 127 if `SMALL`, `LEFT_RIGHT` tells whether `left_right_reach` is set, and `COARSE` whether there are coarse
-/// costs.
+/// exceeds 127 if `SMALL`, `LEFT_RIGHT` tells whether `left_right_reach` is set, `COARSE` whether there are coarse
+/// costs, and `IDLE` whether some lane is blocked.
 #[inline(always)]
 pub(super) unsafe fn sad_row<
     V: SplitLanes,
@@ -113,6 +119,7 @@ pub(super) unsafe fn sad_row<
     const SMALL: bool,
     const LEFT_RIGHT: bool,
     const COARSE: bool,
+    const IDLE: bool,
 >(
     row: &mut SadRow<'_, u16>,
 ) {
@@ -129,7 +136,7 @@ pub(super) unsafe fn sad_row<
                 ring.block::<V, P>(0_usize.wrapping_sub(column));
             }
         }
-        let mut walk = Walk::<V, P>::start::<SMALL>(row);
+        let mut walk = Walk::<V, P, IDLE>::start::<SMALL>(row);
         let mut picked = Picked::default();
         let mut read = 0;
         for batch in (0..width).step_by(BATCH) {
@@ -138,7 +145,9 @@ pub(super) unsafe fn sad_row<
             let mut cells = ring.column(batch);
             let blocked = *row.blocked_groups.get_unchecked(batch / BATCH) != 0;
             if inner.start <= batch && batch + BATCH <= inner.end && !blocked {
-                for x in batch..batch + BATCH {
+                // Counted from 0 to a constant: with a bound to compare with, pointers are spilled in the loop.
+                for i in 0..BATCH {
+                    let x = batch + i;
                     walk.column::<SMALL, LEFT_RIGHT, COARSE, false>(row, x, &ring, cells, &mut picked);
                     cells = cells.add(ring.stride);
                 }
@@ -248,7 +257,7 @@ impl Pixels {
 }
 
 /// The state of the walk along a row. Pointers are held here, where they can stay in registers.
-struct Walk<V, const P: usize> {
+struct Walk<V, const P: usize, const IDLE: bool> {
     pixels: Pixels,
     sums: *mut u16,
     shape: RowShape,
@@ -261,7 +270,7 @@ struct Walk<V, const P: usize> {
     at_before: usize,
     /// [`rival_factor`] of the uniqueness ratio.
     rival_factor: u64,
-    /// All ones in lanes that are not asked for.
+    /// All ones in lanes that are not asked for; read only if `IDLE`, which costs an operation per vector.
     idle: Column<V, P>,
 }
 
@@ -280,7 +289,7 @@ fn rival_limit(best: u16, factor: u64) -> u16 {
     limit.min(u64::from(u16::BLOCKED) - 1) as u16
 }
 
-impl<V: SplitLanes, const P: usize> Walk<V, P> {
+impl<V: SplitLanes, const P: usize, const IDLE: bool> Walk<V, P, IDLE> {
     const LANES: usize = 2 * P * V::COUNT;
 
     /// At column 0, before [`column`](Self::column).
@@ -375,8 +384,10 @@ impl<V: SplitLanes, const P: usize> Walk<V, P> {
                     costs[p][1] = costs[p][1].add(V::load(odd.add(p * V::COUNT)));
                 }
             }
-            for p in 0..P {
-                costs[p] = [costs[p][0].or(self.idle[p][0]), costs[p][1].or(self.idle[p][1])];
+            if IDLE && !EDGE {
+                for p in 0..P {
+                    costs[p] = [costs[p][0].or(self.idle[p][0]), costs[p][1].or(self.idle[p][1])];
+                }
             }
             if EDGE {
                 let left = *row.blocked_left.get_unchecked(x);
@@ -503,40 +514,59 @@ unsafe fn shift_down<V: Lanes, const P: usize>(column: &mut Column<V, P>) {
 /// # Safety
 /// The processor has the instructions of `V`, and `row.check` passed.
 pub(super) unsafe fn dispatch<V: SplitLanes>(row: &mut SadRow<'_, u16>) {
-    // SAFETY: the caller's; no difference exceeds 127 where `SMALL` is chosen.
+    // SAFETY: the caller's; no lane is blocked where `IDLE` is not chosen.
     unsafe {
-        let left_right = row.shape.left_right_reach.is_some();
-        match (row.shape.largest_difference <= 127, left_right, !row.coarse.is_empty()) {
-            (true, false, false) => dispatch_lanes::<V, true, false, false>(row),
-            (true, false, true) => dispatch_lanes::<V, true, false, true>(row),
-            (true, true, false) => dispatch_lanes::<V, true, true, false>(row),
-            (true, true, true) => dispatch_lanes::<V, true, true, true>(row),
-            (false, false, false) => dispatch_lanes::<V, false, false, false>(row),
-            (false, false, true) => dispatch_lanes::<V, false, false, true>(row),
-            (false, true, false) => dispatch_lanes::<V, false, true, false>(row),
-            (false, true, true) => dispatch_lanes::<V, false, true, true>(row),
+        if first_set(row.blocked_lanes, 0) < row.shape.lanes {
+            dispatch_settings::<V, true>(row);
+        } else {
+            dispatch_settings::<V, false>(row);
         }
     }
 }
 
 /// # Safety
-/// As [`dispatch`], and no difference exceeds 127 if `SMALL`.
-unsafe fn dispatch_lanes<V: SplitLanes, const SMALL: bool, const LEFT_RIGHT: bool, const COARSE: bool>(
+/// As [`dispatch`], and `IDLE` tells whether some lane is blocked.
+unsafe fn dispatch_settings<V: SplitLanes, const IDLE: bool>(row: &mut SadRow<'_, u16>) {
+    // SAFETY: the caller's; no difference exceeds 127 where `SMALL` is chosen.
+    unsafe {
+        let left_right = row.shape.left_right_reach.is_some();
+        match (row.shape.largest_difference <= 127, left_right, !row.coarse.is_empty()) {
+            (true, false, false) => dispatch_lanes::<V, true, false, false, IDLE>(row),
+            (true, false, true) => dispatch_lanes::<V, true, false, true, IDLE>(row),
+            (true, true, false) => dispatch_lanes::<V, true, true, false, IDLE>(row),
+            (true, true, true) => dispatch_lanes::<V, true, true, true, IDLE>(row),
+            (false, false, false) => dispatch_lanes::<V, false, false, false, IDLE>(row),
+            (false, false, true) => dispatch_lanes::<V, false, false, true, IDLE>(row),
+            (false, true, false) => dispatch_lanes::<V, false, true, false, IDLE>(row),
+            (false, true, true) => dispatch_lanes::<V, false, true, true, IDLE>(row),
+        }
+    }
+}
+
+/// # Safety
+/// As [`dispatch_settings`], and no difference exceeds 127 if `SMALL`.
+unsafe fn dispatch_lanes<
+    V: SplitLanes,
+    const SMALL: bool,
+    const LEFT_RIGHT: bool,
+    const COARSE: bool,
+    const IDLE: bool,
+>(
     row: &mut SadRow<'_, u16>,
 ) {
     // SAFETY: the caller's; the number of lanes is that of the instance.
     unsafe {
         match row.shape.lanes / (2 * V::COUNT) {
-            1 => V::sad_row::<1, SMALL, LEFT_RIGHT, COARSE>(row),
-            2 => V::sad_row::<2, SMALL, LEFT_RIGHT, COARSE>(row),
-            3 => V::sad_row::<3, SMALL, LEFT_RIGHT, COARSE>(row),
-            4 => V::sad_row::<4, SMALL, LEFT_RIGHT, COARSE>(row),
-            6 => V::sad_row::<6, SMALL, LEFT_RIGHT, COARSE>(row),
-            8 => V::sad_row::<8, SMALL, LEFT_RIGHT, COARSE>(row),
-            16 => V::sad_row::<16, SMALL, LEFT_RIGHT, COARSE>(row),
-            32 => V::sad_row::<32, SMALL, LEFT_RIGHT, COARSE>(row),
+            1 => V::sad_row::<1, SMALL, LEFT_RIGHT, COARSE, IDLE>(row),
+            2 => V::sad_row::<2, SMALL, LEFT_RIGHT, COARSE, IDLE>(row),
+            3 => V::sad_row::<3, SMALL, LEFT_RIGHT, COARSE, IDLE>(row),
+            4 => V::sad_row::<4, SMALL, LEFT_RIGHT, COARSE, IDLE>(row),
+            6 => V::sad_row::<6, SMALL, LEFT_RIGHT, COARSE, IDLE>(row),
+            8 => V::sad_row::<8, SMALL, LEFT_RIGHT, COARSE, IDLE>(row),
+            16 => V::sad_row::<16, SMALL, LEFT_RIGHT, COARSE, IDLE>(row),
+            32 => V::sad_row::<32, SMALL, LEFT_RIGHT, COARSE, IDLE>(row),
             #[cfg(target_arch = "aarch64")]
-            64 => V::sad_row::<64, SMALL, LEFT_RIGHT, COARSE>(row),
+            64 => V::sad_row::<64, SMALL, LEFT_RIGHT, COARSE, IDLE>(row),
             pairs => unreachable!("padded_lanes gives no {pairs} pairs of vectors"),
         }
     }
