@@ -1,11 +1,14 @@
 //! The matcher against its definition computed directly, at every instruction level and any number of threads.
 
+mod settings;
+
 use epiline::image::{Image, ImageRef};
 use epiline::kernels::Level;
 use epiline::matching::{
     DisparityMap, MatcherParams, Method, Prefilter, StereoMatcher, Subpixel, Validity, brute_force,
 };
 use proptest::prelude::*;
+use settings::window_settings;
 
 /// A pair and its masks.
 #[derive(Debug, Clone)]
@@ -83,39 +86,6 @@ fn scene(width: usize, height: usize, content: Content, masked: [bool; 2], seed:
     Scene { left, right, left_valid, right_valid }
 }
 
-fn params() -> impl Strategy<Value = MatcherParams> {
-    let methods = vec![Method::Sad, Method::Sad, Method::Sad5, Method::Census, Method::Bt];
-    let cost = (prop::sample::select(methods), 0..=8_usize, prop::bool::ANY, 1..=63_u8);
-    let range = (1..=70_usize, 0..=5_usize);
-    let tests = (
-        prop::sample::select(vec![0_u8, 5, 15, 100]),
-        prop::sample::select(vec![0_u32, 40, 900]),
-        prop::sample::select(vec![None, Some(0_u16), Some(1), Some(2), Some(40)]),
-        prop::sample::select(vec![0_usize, 1, 12]),
-        prop::sample::select(vec![Subpixel::Off, Subpixel::VFit, Subpixel::Parabola]),
-    );
-    (cost, range, tests).prop_map(
-        |((method, radius, raw, cap), (num, min), (unique, texture, left_right, speckle, subpixel))| {
-            MatcherParams {
-                method,
-                num_disparities: num,
-                min_disparity: min,
-                block_size: 2 * radius + 1,
-                prefilter: if raw { Prefilter::None } else { Prefilter::XSobel },
-                prefilter_cap: cap,
-                uniqueness_ratio: unique,
-                texture_threshold: texture,
-                left_right_max_diff: left_right,
-                speckle_size: speckle,
-                speckle_range: 1,
-                subpixel,
-                threads: Some(1),
-                ..MatcherParams::default()
-            }
-        },
-    )
-}
-
 fn assert_same(actual: &DisparityMap, expected: &DisparityMap, what: &str) {
     for y in 0..expected.height() {
         for x in 0..expected.width() {
@@ -131,7 +101,7 @@ proptest! {
 
     #[test]
     fn every_level_computes_the_definition(
-        params in params(),
+        params in window_settings(8, 1..=70),
         extra_width in 0..40_usize,
         height in 1..=14_usize,
         content in prop::sample::select(vec![Content::Shifted, Content::Extreme, Content::Coarse, Content::Flat]),

@@ -1,11 +1,12 @@
 //! Matching of boxes against matching of the whole image.
 
+mod settings;
+
 use epiline::image::{Image, ImageRef};
 use epiline::kernels::Level;
-use epiline::matching::{
-    DisparityMap, MatchRegion, MatcherParams, Method, Prefilter, StereoMatcher, Subpixel, Validity,
-};
+use epiline::matching::{DisparityMap, MatchRegion, MatcherParams, Method, StereoMatcher, Validity};
 use proptest::prelude::*;
+use settings::window_settings;
 
 struct Scene {
     left: Image<u8>,
@@ -88,35 +89,6 @@ fn region(x: usize, y: usize, width: usize, height: usize) -> MatchRegion {
     MatchRegion { x, y, width, height, disparities: None }
 }
 
-fn params() -> impl Strategy<Value = MatcherParams> {
-    let methods = vec![Method::Sad, Method::Sad5, Method::Census, Method::Bt];
-    let cost = (prop::sample::select(methods), 0..=4_usize, prop::bool::ANY, 1..=24_usize, 0..=4_usize);
-    let tests = (
-        prop::sample::select(vec![0_u8, 10]),
-        prop::sample::select(vec![0_u32, 300]),
-        prop::sample::select(vec![None, Some(0_u16), Some(1)]),
-        prop::sample::select(vec![0_usize, 4, 25]),
-        prop::sample::select(vec![Subpixel::Off, Subpixel::VFit, Subpixel::Parabola]),
-    );
-    (cost, tests).prop_map(
-        |((method, radius, raw, num, min), (unique, texture, left_right, speckle, subpixel))| MatcherParams {
-            method,
-            num_disparities: num,
-            min_disparity: min,
-            block_size: 2 * radius + 1,
-            prefilter: if raw { Prefilter::None } else { Prefilter::XSobel },
-            uniqueness_ratio: unique,
-            texture_threshold: texture,
-            left_right_max_diff: left_right,
-            speckle_size: speckle,
-            speckle_range: 1,
-            subpixel,
-            threads: Some(1),
-            ..MatcherParams::default()
-        },
-    )
-}
-
 fn regions(width: usize, height: usize) -> impl Strategy<Value = Vec<MatchRegion>> {
     let range = prop::sample::select(vec![None, None, Some((0, 9)), Some((3, 17))]);
     let one = (0..width, 0..height, 1..=width, 1..=height, range).prop_map(
@@ -136,7 +108,7 @@ proptest! {
 
     #[test]
     fn boxes_have_the_answers_of_the_whole_image(
-        params in params(),
+        params in window_settings(4, 1..=24),
         regions in regions(120, 40),
         masked in prop::bool::weighted(0.3),
         seed in any::<u64>(),
