@@ -204,7 +204,7 @@ impl State {
 /// rig : StereoCalibration or RectifiedGeometry
 ///     A calibration for pairs as the cameras take them, a geometry for pairs that come aligned.
 /// matcher : StereoMatcher, optional
-///     Whose parameters to use; by default x-Sobel SAD with all tests, searching a sixth of the width.
+///     Whose parameters to use; by default x-Sobel SAD in windows of 9 px with all tests, searching a sixth of the width.
 /// regions : sequence of Region, optional
 ///     Default: paper_regions of the image's size.
 /// equalize : bool

@@ -49,11 +49,14 @@ pub struct PipelineParams {
 }
 
 impl PipelineParams {
-    /// The default for images of this width: every test of the matcher on, since an obstacle that is not there costs
-    /// more than a pixel without an answer, and a sixth of the width searched (in steps of 16 px).
+    /// The default for images of this width: every test of the matcher on and no costs from half the resolution, which
+    /// answer where a window sees nothing, since an obstacle that is not there costs more than a pixel without an answer;
+    /// and a sixth of the width searched (in steps of 16 px).
     pub fn for_width(width: usize) -> Self {
         let matcher = MatcherParams {
             num_disparities: Self::default_disparities(width),
+            block_size: 9,
+            coarse_weight: 0,
             ..MatcherParams::with_all_tests()
         };
         Self {

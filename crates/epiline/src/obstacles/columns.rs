@@ -58,7 +58,7 @@ impl ColumnReader {
     ) {
         self.find_stretches(cells, geometry, has_ground, params);
         peaks.clear();
-        peaks.extend(self.stretches.iter().map(|stretch| peak_of(cells, stretch, has_ground)));
+        peaks.extend(self.stretches.iter().filter_map(|stretch| peak_of(cells, stretch, has_ground)));
     }
 
     fn find_stretches(
@@ -101,8 +101,9 @@ impl ColumnReader {
     }
 }
 
-/// The nearest surface of a stretch: from near to far the first fullest window of 1.5 px.
-fn peak_of(cells: &Cells, stretch: &Stretch, has_ground: bool) -> Peak {
+/// The nearest surface of a stretch: from near to far the first fullest window of 1.5 px. Where no ground is known, `None`
+/// for what leans: it may be a floor or a ceiling.
+fn peak_of(cells: &Cells, stretch: &Stretch, has_ground: bool) -> Option<Peak> {
     let &Stretch { column, near, far } = stretch;
     let window = |bin: usize| {
         let below = if bin > 0 { cells.count_at(column, bin - 1) } else { 0 };
@@ -117,9 +118,12 @@ fn peak_of(cells: &Cells, stretch: &Stretch, has_ground: bool) -> Peak {
             fullest = bin;
         }
     }
-    // What leans back has as many pixels in every bin: its near end is what counts. (Without a ground it may be that.)
+    // What leans back has as many pixels in every bin: its near end is what counts.
     let behind = near.saturating_sub(LEANING_REACH);
-    let leans = has_ground && behind >= far && 2 * window(behind) >= window(near.saturating_sub(1));
+    let leans = behind >= far && 2 * window(behind) >= window(near.saturating_sub(1));
+    if leans && !has_ground {
+        return None;
+    }
     let bins = if leans {
         near.saturating_sub(1)..=near + 1
     } else {
@@ -127,7 +131,7 @@ fn peak_of(cells: &Cells, stretch: &Stretch, has_ground: bool) -> Peak {
     };
     let seen = cells.seen(column, bins);
     let all = cells.seen(column, far..=near);
-    Peak {
+    Some(Peak {
         column,
         disparity_px: seen.disparity_px,
         support: all.count * cells.row_step,
@@ -135,5 +139,5 @@ fn peak_of(cells: &Cells, stretch: &Stretch, has_ground: bool) -> Peak {
         bottom: all.bottom.max(seen.bottom),
         near,
         far,
-    }
+    })
 }

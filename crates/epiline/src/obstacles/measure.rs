@@ -16,10 +16,10 @@ const CORNER_PX: f64 = 0.6;
 const ALIKE_COLUMNS: f64 = 6.0;
 /// What averaging cannot remove of a disparity's error, as a share of its deviation: matchers prefer some fractions of
 /// a pixel, and a surface's columns share its texture.
-const SYSTEMATIC_SHARE: f64 = 0.68;
+const SYSTEMATIC_SHARE: f64 = 0.58;
 /// How surely the nearest point of a thing is told from its outline, as a share of its range: edges are blurred by the
 /// matching window, round things have no edge.
-const OUTLINE_SHARE: f64 = 0.008;
+const OUTLINE_SHARE: f64 = 0.007;
 /// Of the columns, the share whose first or last row may lie outside of the box: lone mismatches of the right disparity.
 const OUTSIDE: f64 = 0.25;
 /// Where the image's lower edge is this near, more of a thing may lie beyond it, rows.

@@ -144,10 +144,10 @@ impl ObstacleParams {
     /// Of what the least thing should show, this much must be there.
     const SHARE_SEEN: f64 = 0.5;
     /// Of an obstacle's box, this much must be seen: scattered mismatches fill less.
-    const LEAST_FILL: f64 = 0.35;
+    const LEAST_FILL: f64 = 0.15;
     /// What is lower than this over the ground must have more pixels than a patch of its noise.
     const LOW_M: f64 = 0.25;
-    const LOW_PIXELS: usize = 150;
+    const LOW_PIXELS: usize = 60;
     /// What begins higher than this over the ground must fill this much of its box: most mismatches hang in the air.
     const FLOATS_M: f64 = 0.2;
     const FLOATING_FILL: f64 = 0.7;
