@@ -6,7 +6,7 @@ use numpy::{PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{OrRaise, given_array, grey_image, image_array, typed_image, whole};
+use crate::convert::{OrRaise, Pixels, given_array, grey_image, image_array, typed_image, whole};
 
 /// Adds this part to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -35,10 +35,10 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
 ///     Another shape or type.
 #[pyfunction]
 fn grey<'py>(py: Python<'py>, image: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<u8>>> {
-    let image = grey_image("image", image)?;
-    let view = image.view();
-    let copy = Image::from_fn(view.width(), view.height(), |x, y| view.at(x, y));
-    Ok(image_array(py, &copy))
+    match grey_image("image", image)? {
+        Pixels::Borrowed(array) => Ok(PyArray2::from_array(py, &array.as_array())),
+        Pixels::Owned(image) => Ok(given_array(py, image)),
+    }
 }
 
 /// Histogram equalisation, eq. 3 of the 2011 paper: q = T(w) = 255 * (share of pixels not brighter than w).

@@ -69,16 +69,19 @@ impl<'a, T> ImageRef<'a, T> {
     }
 
     /// Width in pixels.
+    #[inline]
     pub fn width(&self) -> usize {
         self.width
     }
 
     /// Height in pixels.
+    #[inline]
     pub fn height(&self) -> usize {
         self.height
     }
 
     /// The elements of row `y`, `width` of them.
+    #[inline]
     pub fn row(&self, y: usize) -> &'a [T] {
         &self.data[y * self.stride..y * self.stride + self.width]
     }
@@ -177,26 +180,31 @@ impl<T: Copy + Default> Image<T> {
     }
 
     /// Width in pixels.
+    #[inline]
     pub fn width(&self) -> usize {
         self.width
     }
 
     /// Height in pixels.
+    #[inline]
     pub fn height(&self) -> usize {
         self.height
     }
 
     /// A read-only view.
+    #[inline]
     pub fn view(&self) -> ImageRef<'_, T> {
         ImageRef { data: &self.data, width: self.width, height: self.height, stride: self.width }
     }
 
     /// The elements of row `y`.
+    #[inline]
     pub fn row(&self, y: usize) -> &[T] {
         &self.data[y * self.width..(y + 1) * self.width]
     }
 
     /// The elements of row `y`, to write.
+    #[inline]
     pub fn row_mut(&mut self, y: usize) -> &mut [T] {
         &mut self.data[y * self.width..(y + 1) * self.width]
     }
@@ -245,11 +253,13 @@ impl<'a> StereoPair<'a> {
     }
 
     /// Width of both images, pixels.
+    #[inline]
     pub fn width(&self) -> usize {
         self.left.width()
     }
 
     /// Height of both images, pixels.
+    #[inline]
     pub fn height(&self) -> usize {
         self.left.height()
     }

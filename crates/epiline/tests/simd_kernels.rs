@@ -5,9 +5,11 @@
 
 mod guarded;
 
+use epiline::kernels::grey::GreyRow;
 use epiline::kernels::islands::BreaksRow;
 use epiline::kernels::sad::{AddRow, Choice, Cost, RowPair, RowShape, SadRow, blocked_groups};
 use epiline::kernels::select::{SelectRow, Subpixel};
+use epiline::kernels::sort::{LANES, SortColumns};
 use epiline::kernels::texture::TextureRow;
 use epiline::kernels::xsobel::XSobelRow;
 use epiline::kernels::{CostKernels, Kernels, Level};
@@ -410,6 +412,54 @@ proptest! {
                 let cap = i32::from(cap);
                 prop_assert_eq!(i32::from(filtered), derivative.clamp(-cap, cap) + cap, "{} x = {}", kernels.level().name(), x);
             }
+        }
+    }
+}
+
+#[test]
+fn columns_are_sorted_each_by_itself() {
+    let mut noise = Noise(29);
+    for count in (0..70).chain([127, 128, 129, 720]) {
+        // Few values in odd lanes, so that many are equal; all ones stand for no value.
+        let row = |_| {
+            std::array::from_fn(|lane| match (noise.next(), noise.next()) {
+                (0..60, _) => u16::MAX,
+                (_, low) if lane % 2 == 1 => u16::from(low % 5),
+                (high, low) => u16::from_le_bytes([low, high]),
+            })
+        };
+        let unsorted: Vec<[u16; LANES]> = (0..count).map(row).collect();
+        for kernels in Level::available().map(Kernels::new) {
+            let mut rows = unsorted.clone();
+            kernels.sort(&mut SortColumns { rows: &mut rows });
+            for lane in 0..LANES {
+                let mut expected: Vec<u16> = unsorted.iter().map(|row| row[lane]).collect();
+                expected.sort_unstable();
+                let sorted: Vec<u16> = rows.iter().map(|row| row[lane]).collect();
+                assert_eq!(sorted, expected, "{count} rows, lane {lane}, {}", kernels.level().name());
+            }
+        }
+    }
+}
+
+#[test]
+fn grey_is_the_weighted_sum_rounded() {
+    let mut noise = Noise(31);
+    for width in (0..70).chain([640]) {
+        let bgr: Vec<[u8; 3]> = (0..width)
+            .map(|x| if x % 7 == 0 { [255; 3] } else { [noise.next(), noise.next(), noise.next()] })
+            .collect();
+        let expected = bgr.iter().map(|&[b, g, r]| {
+            // The weights as 1/32768, as OpenCV has them.
+            let weighted = 3_735.0 * f64::from(b) + 19_235.0 * f64::from(g) + 9_798.0 * f64::from(r);
+            (weighted / 32_768.0 + 0.5).floor() as u8
+        });
+        let expected: Vec<u8> = expected.collect();
+        for kernels in Level::available().map(Kernels::new) {
+            let mut grey = Guarded::of(&vec![0_u8; width], 77);
+            kernels.grey(&mut GreyRow { bgr: &bgr, grey: grey.inside() });
+            let name = kernels.level().name();
+            assert_eq!(grey.checked(name), expected, "{width} px, {name}");
         }
     }
 }

@@ -6,12 +6,14 @@
 pub mod alignment;
 pub mod coarse;
 pub mod floor;
+pub mod grey;
 pub mod islands;
 mod level;
 pub mod remap;
 pub mod sad;
 pub mod select;
 pub mod semi_global;
+pub mod sort;
 pub mod texture;
 pub mod weighted;
 pub mod windowed;
@@ -24,12 +26,14 @@ use alignment::patches::{Correlate, PatchSums};
 use alignment::registration::{Gram, Interpolate, ModelColumns, Project};
 use coarse::RefineRow;
 use floor::FloorRow;
+use grey::GreyRow;
 use islands::BreaksRow;
 use remap::RemapRow;
 use sad::{AddRow, RowShape, SadRow};
 use select::SelectRow;
 use semi_global::features::{CensusRow, ExtremesRow};
 use semi_global::{CostRow, ExcessRow, HorizontalRows, SumRow, VerticalRow, WindowRow};
+use sort::SortColumns;
 use texture::TextureRow;
 use weighted::WeightedRow;
 use windowed::{BestRow, BestWindowsRow, BoxRow, PixelCostRow};
@@ -92,6 +96,8 @@ pub struct Kernels {
     xsobel: kernel!(XSobelRow),
     texture: kernel!(TextureRow),
     weighted: kernel!(WeightedRow),
+    sort: kernel!(SortColumns),
+    grey: kernel!(GreyRow),
     floor: kernel!(FloorRow),
     breaks: kernel!(BreaksRow),
     extremes: kernel!(ExtremesRow),
@@ -137,6 +143,8 @@ impl Kernels {
             xsobel: xsobel::xsobel_row,
             texture: texture::texture_row,
             weighted: weighted::weighted_row,
+            sort: sort::sort_columns,
+            grey: grey::grey_row,
             floor: floor::floor_row,
             breaks: islands::breaks_row,
             extremes: semi_global::features::extremes,
@@ -179,6 +187,8 @@ impl Kernels {
                     xsobel: xsobel::row::avx512,
                     texture: texture::row::avx512,
                     weighted: weighted::row::avx512,
+                    sort: sort::columns::avx512,
+                    grey: grey::row::avx512,
                     floor: floor::row::avx512,
                     breaks: islands::row::avx512,
                     extremes: semi_global::features::extremes_row::avx512,
@@ -221,6 +231,8 @@ impl Kernels {
                     xsobel: xsobel::row::avx2,
                     texture: texture::row::avx2,
                     weighted: weighted::row::avx2,
+                    sort: sort::columns::avx2,
+                    grey: grey::row::avx2,
                     floor: floor::row::avx2,
                     breaks: islands::row::avx2,
                     extremes: semi_global::features::extremes_row::avx2,
@@ -320,6 +332,22 @@ impl Kernels {
         row.check();
         // SAFETY: as above.
         unsafe { (self.weighted)(row) }
+    }
+
+    /// Each lane in ascending order.
+    pub fn sort(&self, columns: &mut SortColumns<'_>) {
+        // SAFETY: as above.
+        unsafe { (self.sort)(columns) }
+    }
+
+    /// Grey levels of a row.
+    ///
+    /// # Panics
+    /// As above.
+    pub fn grey(&self, row: &mut GreyRow<'_>) {
+        row.check();
+        // SAFETY: as above.
+        unsafe { (self.grey)(row) }
     }
 
     /// Where stretches of linked disparities end in a row.

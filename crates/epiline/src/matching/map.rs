@@ -30,6 +30,7 @@ impl Validity {
     pub(crate) const NO_CANDIDATE: u8 = Self::BORDER | Self::NO_SOURCE;
 
     /// Whether a pixel with these bits carries a value.
+    #[inline]
     pub fn has_value(bits: u8) -> bool {
         bits & !Self::FILLED == 0
     }
@@ -101,6 +102,7 @@ impl DisparityMap {
     }
 
     /// The disparity at `(x, y)` in pixels, or `None` where there is none.
+    #[inline]
     pub fn at(&self, x: usize, y: usize) -> Option<f32> {
         Validity::has_value(self.validity.row(y)[x])
             .then(|| f32::from(self.values.row(y)[x]) / f32::from(Self::SCALE))

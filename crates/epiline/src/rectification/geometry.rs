@@ -83,6 +83,7 @@ impl RectifiedGeometry {
 
     /// Depth Z along the optical axis for a disparity, metres; on a cylinder that of a point on the axis, whose left
     /// column is `cx_px`. Not positive finite where the rays do not meet in front.
+    #[inline]
     pub fn depth_m(&self, disparity_px: f64) -> f64 {
         let slope = (disparity_px + self.doffs_px) / self.focal_px;
         match self.projection {
@@ -148,6 +149,7 @@ impl RectifiedGeometry {
     }
 
     /// `‖ray‖` of a left pixel: range = depth times this.
+    #[inline]
     pub fn range_per_depth(&self, x: f64, y: f64) -> f64 {
         let (u, v) = ((x - self.cx_px) / self.focal_px, (y - self.cy_px) / self.focal_px);
         (1.0 + u * u + v * v).sqrt()

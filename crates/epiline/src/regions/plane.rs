@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::Region;
 use super::profile::{ProfileParams, finite_range_m};
+use super::u_disparity::UDisparity;
 use crate::matching::DisparityMap;
 use crate::rectification::RectifiedGeometry;
 
@@ -13,8 +14,8 @@ use crate::rectification::RectifiedGeometry;
 pub(super) const TOLERANCE_PX: f64 = 0.75;
 /// A column is on the plane if its pixels near it are no farther off in the mean, px.
 const ON_PLANE_PX: f64 = 0.5;
-/// A plane is fitted to about this many pixels at most.
-const ENOUGH_PIXELS: usize = 6000;
+/// Rows of a column looked at to see whether it continues a plane.
+const ENOUGH_ROWS: usize = 24;
 /// Pixels whose errors are alike, because they share most of their matching window.
 const ALIKE_PX: f64 = 25.0;
 /// A slope of fewer standard deviations is none.
@@ -44,6 +45,7 @@ impl Plane {
     }
 
     /// Disparity at a pixel, px.
+    #[inline]
     pub fn at(&self, x: usize, y: usize) -> f64 {
         let [offset, by_x, by_y] = self.coefficients.into();
         offset + by_x * (x as f64 - self.center.0) + by_y * (y as f64 - self.center.1)
@@ -93,25 +95,31 @@ pub(super) struct Scene<'a> {
     pub geometry: Option<&'a RectifiedGeometry>,
     pub region: &'a Region,
     pub params: &'a ProfileParams,
+    /// Of the region.
+    pub u_disparity: &'a UDisparity,
 }
 
 impl Scene<'_> {
     /// What is smaller where things are nearer: range in metres, or without geometry minus disparity. NaN where a
     /// disparity has no place in front of the cameras.
+    #[inline]
     pub fn distance(&self, disparity_px: f64, x: f64, y: f64) -> f64 {
         self.geometry.map_or(-disparity_px, |geometry| finite_range_m(geometry, disparity_px, x, y))
     }
 
-    /// Calls `visit` with each pixel of a column of the image that lies in the region and near the plane: row,
-    /// disparity, and how far that is off the plane.
+    /// Calls `visit` with each pixel of a column of the image that lies in every `row_step`th row of the region and near
+    /// the plane: row, disparity, and how far that is off the plane.
+    #[inline]
     fn for_each_member(
         &self,
         x: usize,
         plane: &Plane,
         tolerance_px: f64,
+        row_step: usize,
         mut visit: impl FnMut(usize, f64, f64),
     ) {
-        for y in self.region.y..self.region.y + self.region.height {
+        let rows = self.region.y..self.region.y + self.region.height;
+        for y in rows.skip(row_step / 2).step_by(row_step) {
             let Some(disparity_px) = self.disparity.at(x, y).map(f64::from) else { continue };
             let residual_px = disparity_px - plane.at(x, y);
             if residual_px.abs() <= tolerance_px {
@@ -121,20 +129,21 @@ impl Scene<'_> {
     }
 
     /// Lists pixels of some columns of the image that lie in the region and near the plane, and returns for how many
-    /// each of them stands: of a wide span only every so manieth column is looked at, which fits a plane as well.
+    /// each of them stands: where there are more than `enough`, only every so manieth column is looked at.
     pub fn collect(
         &self,
         columns: RangeInclusive<usize>,
         plane: &Plane,
         tolerance_px: f64,
+        enough: usize,
         members: &mut Vec<Member>,
     ) -> usize {
         let pixels = (columns.end() + 1 - columns.start()) * self.region.height;
-        let step = pixels.div_ceil(ENOUGH_PIXELS);
+        let step = pixels.div_ceil(enough);
         members.clear();
         // In the middle of each group of columns, so that the ends are not favoured.
         for x in columns.skip(step / 2).step_by(step) {
-            self.for_each_member(x, plane, tolerance_px, |y, disparity_px, residual_px| {
+            self.for_each_member(x, plane, tolerance_px, 1, |y, disparity_px, residual_px| {
                 // Tukey's weight: what lies at the edge of the tolerance hardly pulls.
                 let share = residual_px / tolerance_px;
                 let inside = 1.0 - share * share;
@@ -148,10 +157,13 @@ impl Scene<'_> {
     /// just behind, only the near tail of the scatter is near, all on one side.
     pub fn column_holds(&self, x: usize, plane: &Plane) -> bool {
         let (mut count, mut sum_px) = (0_u32, 0.0);
-        self.for_each_member(x, plane, TOLERANCE_PX, |_, _, residual_px| {
+        let row_step = self.region.height.div_ceil(ENOUGH_ROWS);
+        self.for_each_member(x, plane, TOLERANCE_PX, row_step, |_, _, residual_px| {
             count += 1;
             sum_px += residual_px;
         });
-        count as usize >= self.params.min_support && sum_px.abs() <= ON_PLANE_PX * f64::from(count)
+        row_step * count as usize >= self.params.min_support
+            && count > 0
+            && sum_px.abs() <= ON_PLANE_PX * f64::from(count)
     }
 }

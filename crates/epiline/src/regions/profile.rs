@@ -2,7 +2,10 @@
 
 use super::Region;
 use super::surface::{NearestSurface, SurfaceFinder};
+use super::u_disparity::UDisparity;
 use crate::error::{Error, Result};
+use crate::kernels::sort::{LANES, SortColumns};
+use crate::kernels::{Kernels, Level};
 use crate::matching::{DisparityMap, Validity};
 use crate::range::{check_disparity_sigma, check_size};
 use crate::rectification::RectifiedGeometry;
@@ -107,39 +110,41 @@ impl RegionProfile {
     }
 }
 
-/// Columns gathered at a time: reading the map by rows, in spans of a cache line or more.
-const TILE: usize = 32;
-
-/// A pixel of a column: disparity in the upper half, so that pixels sort by it, row within the region in the lower.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Pixel(u32);
-
-impl Pixel {
-    fn new(raw: u16, row: usize) -> Self {
-        Self(u32::from(raw) << 16 | row as u32)
-    }
-
-    fn raw(self) -> u16 {
-        (self.0 >> 16) as u16
-    }
-
-    fn row(self) -> u32 {
-        self.0 & 0xffff
-    }
-}
-
 fn px(raw: u16) -> f32 {
     f32::from(raw) / f32::from(DisparityMap::SCALE)
 }
 
+/// One pixel of each of [`LANES`] neighbouring columns.
+type Row = [u16; LANES];
+
+/// What a pixel without a value has in a tile: more than any disparity, so that it is sorted to the end.
+const NO_VALUE: u16 = u16::MAX;
+
 /// Reads regions; keeps its buffers from frame to frame.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Profiler {
-    /// The pixels of [`TILE`] columns, each `region.height` apart.
-    columns: Vec<Pixel>,
+    kernels: Kernels,
+    /// Some neighbouring columns of the region, row by row.
+    tile: Vec<Row>,
+    /// The same, each column in ascending order.
+    sorted: Vec<Row>,
     /// The map without what lies outside a region of space.
     inside: DisparityMap,
+    u_disparity: UDisparity,
     surface: SurfaceFinder,
+}
+
+impl Default for Profiler {
+    fn default() -> Self {
+        Self {
+            kernels: Kernels::new(Level::current()),
+            tile: Vec::new(),
+            sorted: Vec::new(),
+            inside: DisparityMap::default(),
+            u_disparity: UDisparity::default(),
+            surface: SurfaceFinder::default(),
+        }
+    }
 }
 
 impl Profiler {
@@ -189,13 +194,15 @@ impl Profiler {
         out: &mut RegionProfile,
     ) {
         self.read_columns(disparity, geometry, params.min_support, out);
+        self.u_disparity.count(disparity, &out.region);
+        fill_histogram(&self.u_disparity, disparity, &mut out.histogram);
         let pixels = (out.region.width * out.region.height) as f64;
         let unknown: f64 = out.unknown.iter().map(|&n| f64::from(n)).sum();
         out.valid_share = (pixels - unknown) / pixels;
         // f32::min and max pass over NaN.
         out.minimum = f64::from(out.minimum_px.iter().copied().fold(f32::NAN, f32::min));
         out.maximum = f64::from(out.maximum_px.iter().copied().fold(f32::NAN, f32::max));
-        out.nearest = self.surface.nearest(disparity, geometry, &out.region, params);
+        out.nearest = self.surface.nearest(&self.u_disparity, disparity, geometry, &out.region, params);
     }
 
     fn read_columns(
@@ -220,42 +227,31 @@ impl Profiler {
         if let Some(ranges_m) = &mut ranges_m {
             ranges_m.clear();
         }
-        out.histogram.clear();
-        out.histogram.resize(disparity.min_disparity + disparity.num_disparities, 0);
-        let mut total_raw = 0_u64;
-
-        self.columns.clear();
-        self.columns.resize(TILE * height, Pixel(0));
-        for tile_left in (left..left + width).step_by(TILE) {
-            let tile_width = TILE.min(left + width - tile_left);
+        let mut total_raw = 0;
+        for tile_left in (left..left + width).step_by(LANES) {
+            let tile_width = LANES.min(left + width - tile_left);
             let counts = self.gather(disparity, tile_left, tile_width, top, height);
-            for (i, &count) in counts[..tile_width].iter().enumerate() {
-                let column = &mut self.columns[i * height..i * height + count];
-                column.sort_unstable();
-                for pixel in &*column {
-                    total_raw += u64::from(pixel.raw());
-                    let bin =
-                        usize::from(pixel.raw() + DisparityMap::SCALE / 2) / usize::from(DisparityMap::SCALE);
-                    if bin >= out.histogram.len() {
-                        out.histogram.resize(bin + 1, 0);
-                    }
-                    out.histogram[bin] += 1;
-                }
-                let at = |k: usize| column.get(k).map_or(f32::NAN, |pixel| px(pixel.raw()));
-                out.count.push(count as u32);
-                out.minimum_px.push(at(0));
-                out.maximum_px.push(if count > 0 { at(count - 1) } else { f32::NAN });
-                out.median_px.push(if count > 0 {
-                    0.5 * (at((count - 1) / 2) + at(count / 2))
-                } else {
-                    f32::NAN
-                });
-                out.spread_px.push(spread_px(column));
-                let supported = nearest_supported(column, min_support);
-                out.nearest_px.push(supported.map_or(f32::NAN, |(raw, _)| px(raw)));
+            self.sorted.clone_from(&self.tile);
+            self.kernels.sort(&mut SortColumns { rows: &mut self.sorted });
+            let columns: [Sorted<'_>; LANES] =
+                std::array::from_fn(|lane| Sorted { rows: &self.sorted[..usize::from(counts[lane])], lane });
+            let supported: [Option<u16>; LANES] =
+                std::array::from_fn(|lane| columns[lane].nearest_supported(min_support));
+            // No disparity lies between the ends of a column without an answer.
+            let spans = supported.map(|raw| raw.map_or((1, 0), around));
+            let mean_rows = mean_rows(&self.tile, &spans.map(|(low, _)| low), &spans.map(|(_, high)| high));
+            total_raw += total(&self.tile);
+            for (lane, column) in columns[..tile_width].iter().enumerate() {
+                out.count.push(column.count() as u32);
+                out.minimum_px.push(column.minimum().map_or(f32::NAN, px));
+                out.maximum_px.push(column.maximum().map_or(f32::NAN, px));
+                let (median_px, spread_px) = column.median_and_spread_px();
+                out.median_px.push(median_px);
+                out.spread_px.push(spread_px);
+                out.nearest_px.push(supported[lane].map_or(f32::NAN, px));
                 if let (Some(geometry), Some(ranges_m)) = (geometry, &mut ranges_m) {
-                    ranges_m.push(supported.map_or(f32::NAN, |(raw, mean_row)| {
-                        let (x, y) = ((tile_left + i) as f64, top as f64 + mean_row);
+                    ranges_m.push(supported[lane].map_or(f32::NAN, |raw| {
+                        let (x, y) = ((tile_left + lane) as f64, top as f64 + mean_rows[lane]);
                         finite_range_m(geometry, f64::from(px(raw)), x, y) as f32
                     }));
                 }
@@ -265,7 +261,7 @@ impl Profiler {
         out.total = total_raw as f64 / f64::from(DisparityMap::SCALE);
     }
 
-    /// Collects the valid pixels of up to [`TILE`] columns; returns how many each has.
+    /// Fills the tile with up to [`LANES`] columns; returns how many values each has.
     fn gather(
         &mut self,
         disparity: &DisparityMap,
@@ -273,18 +269,61 @@ impl Profiler {
         width: usize,
         top: usize,
         height: usize,
-    ) -> [usize; TILE] {
-        let mut counts = [0; TILE];
-        for row in 0..height {
-            let raws = &disparity.values.row(top + row)[left..left + width];
-            let bits = &disparity.validity.row(top + row)[left..left + width];
-            for (i, (&raw, &bits)) in raws.iter().zip(bits).enumerate() {
-                // Written always, counted only if valid: which it is cannot be predicted.
-                self.columns[i * height + counts[i]] = Pixel::new(raw, row);
-                counts[i] += usize::from(Validity::has_value(bits));
+    ) -> Row {
+        let mut counts = [0; LANES];
+        self.tile.clear();
+        self.tile.resize(height, [NO_VALUE; LANES]);
+        for (y, row) in (top..).zip(&mut self.tile) {
+            let raws = &disparity.values.row(y)[left..left + width];
+            let bits = &disparity.validity.row(y)[left..left + width];
+            for (((value, count), &raw), &bits) in row.iter_mut().zip(&mut counts).zip(raws).zip(bits) {
+                let has_value = u16::from(Validity::has_value(bits));
+                // All ones, which is no value, where there is none.
+                *value = raw | has_value.wrapping_sub(1);
+                *count += has_value;
             }
         }
         counts
+    }
+}
+
+/// Sum of the values of a tile, sixteenths.
+fn total(tile: &[Row]) -> u64 {
+    let of_row =
+        |row: &Row| -> u32 { row.iter().map(|&raw| if raw == NO_VALUE { 0 } else { u32::from(raw) }).sum() };
+    tile.iter().map(|row| u64::from(of_row(row))).sum()
+}
+
+/// Mean row, from the top of the tile, of each column's pixels of disparities `low..=high`; NaN of none.
+fn mean_rows(tile: &[Row], low: &Row, high: &Row) -> [f64; LANES] {
+    let (mut counts, mut sums) = ([0_u16; LANES], [0_u32; LANES]);
+    for (y, row) in (0_u16..).zip(tile) {
+        // All ones or all zeros.
+        let inside: Row = std::array::from_fn(|lane| {
+            0_u16.wrapping_sub(u16::from((row[lane] >= low[lane]) & (row[lane] <= high[lane])))
+        });
+        for ((count, sum), inside) in counts.iter_mut().zip(&mut sums).zip(inside) {
+            *count += inside & 1;
+            *sum += u32::from(inside & y);
+        }
+    }
+    std::array::from_fn(|lane| f64::from(sums[lane]) / f64::from(counts[lane]))
+}
+
+/// Counts disparities by the whole pixel they round to: two bins of half a pixel, one on either side.
+fn fill_histogram(u_disparity: &UDisparity, disparity: &DisparityMap, histogram: &mut Vec<u32>) {
+    histogram.clear();
+    histogram.resize(disparity.min_disparity + disparity.num_disparities, 0);
+    let counts = u_disparity.counts();
+    for (bin, row) in counts.rows().enumerate() {
+        let pixels: u32 = row.iter().map(|&n| u32::from(n)).sum();
+        let rounded = bin.div_ceil(2);
+        if pixels > 0 && rounded >= histogram.len() {
+            histogram.resize(rounded + 1, 0);
+        }
+        if pixels > 0 {
+            histogram[rounded] += pixels;
+        }
     }
 }
 
@@ -300,56 +339,94 @@ fn count_unknown(disparity: &DisparityMap, region: &Region, unknown: &mut Vec<u3
     }
 }
 
-/// `1.4826·median(|d - median|)` of a sorted column, px; NaN of none.
-fn spread_px(column: &[Pixel]) -> f32 {
-    /// What makes a normal distribution's median deviation its standard deviation: `1/Φ⁻¹(3/4)`.
-    const PER_MEDIAN_DEVIATION: f32 = 1.482_602_2;
-    let count = column.len();
-    if count == 0 {
-        return f32::NAN;
-    }
-    let doubled = |i: usize| 2 * u32::from(column[i].raw());
-    let median_doubled = (doubled((count - 1) / 2) + doubled(count / 2)) / 2;
-    // Deviations come in order when taken from the middle outward: `column[low..high]` is taken.
-    let (mut low, mut high) = (count / 2, count / 2);
-    let mut last_two = [0; 2];
-    while high - low <= count / 2 {
-        let below = low.checked_sub(1).map_or(u32::MAX, |i| median_doubled - doubled(i));
-        let above = if high < count { doubled(high) - median_doubled } else { u32::MAX };
-        if below < above {
-            low -= 1;
-        } else {
-            high += 1;
-        }
-        last_two = [last_two[1], below.min(above)];
-    }
-    let middle_two = if count % 2 == 1 { [last_two[1]; 2] } else { last_two };
-    let deviation = (middle_two[0] + middle_two[1]) as f32 / (4.0 * f32::from(DisparityMap::SCALE));
-    PER_MEDIAN_DEVIATION * deviation
+/// Disparities within ±1 px of one.
+fn around(raw: u16) -> (u16, u16) {
+    // Valid disparities end at 4095 px, below what stands for none.
+    (raw.saturating_sub(DisparityMap::SCALE), raw.saturating_add(DisparityMap::SCALE).min(NO_VALUE - 1))
 }
 
-/// The largest disparity of a sorted column that has enough support, and the mean row of its supporters.
-fn nearest_supported(column: &[Pixel], min_support: usize) -> Option<(u16, f64)> {
-    let scale = DisparityMap::SCALE;
-    // For each candidate, from the largest down, column[low..high] lies within ±1 px of it.
-    let mut high = column.len();
-    let mut low = column.len();
-    for candidate in column.iter().rev().map(|pixel| pixel.raw()) {
-        while high > 0 && column[high - 1].raw() > candidate.saturating_add(scale) {
-            high -= 1;
-        }
-        while low > 0 && column[low - 1].raw() >= candidate.saturating_sub(scale) {
-            low -= 1;
-        }
-        if high - low >= min_support {
-            let rows: f64 = column[low..high].iter().map(|pixel| f64::from(pixel.row())).sum();
-            return Some((candidate, rows / (high - low) as f64));
-        }
+/// The values of one column in ascending order.
+#[derive(Debug, Clone, Copy)]
+struct Sorted<'a> {
+    rows: &'a [Row],
+    lane: usize,
+}
+
+impl Sorted<'_> {
+    fn count(self) -> usize {
+        self.rows.len()
     }
-    None
+
+    #[inline]
+    fn at(self, i: usize) -> u16 {
+        self.rows[i][self.lane]
+    }
+
+    fn minimum(self) -> Option<u16> {
+        self.rows.first().map(|row| row[self.lane])
+    }
+
+    fn maximum(self) -> Option<u16> {
+        self.rows.last().map(|row| row[self.lane])
+    }
+
+    /// The median, and `1.4826·median(|d - median|)`, px; NaN of none.
+    fn median_and_spread_px(self) -> (f32, f32) {
+        /// What makes a normal distribution's median deviation its standard deviation: `1/Φ⁻¹(3/4)`.
+        const PER_MEDIAN_DEVIATION: f32 = 1.482_602_2;
+        let count = self.count();
+        if count == 0 {
+            return (f32::NAN, f32::NAN);
+        }
+        let lower = count.div_ceil(2);
+        let median_doubled = u32::from(self.at(lower - 1)) + u32::from(self.at(count / 2));
+        let one = self.deviation_doubled(median_doubled, lower);
+        let other = if count % 2 == 1 { one } else { self.deviation_doubled(median_doubled, lower + 1) };
+        let scale = f32::from(DisparityMap::SCALE);
+        let deviation_px = (one + other) as f32 / (4.0 * scale);
+        (median_doubled as f32 / (2.0 * scale), PER_MEDIAN_DEVIATION * deviation_px)
+    }
+
+    /// Twice the deviation from the median that `taken` values do not exceed.
+    ///
+    /// Those are neighbours: of all windows of `taken`, the one whose ends deviate least. Moving it up, its lower end
+    /// comes nearer and its upper end goes away.
+    fn deviation_doubled(self, median_doubled: u32, taken: usize) -> u32 {
+        let below = |first: usize| median_doubled.saturating_sub(2 * u32::from(self.at(first)));
+        let above = |first: usize| (2 * u32::from(self.at(first + taken - 1))).saturating_sub(median_doubled);
+        let (mut low, mut high) = (0, self.count() - taken);
+        while low < high {
+            let middle = low.midpoint(high);
+            if below(middle) <= above(middle) {
+                high = middle;
+            } else {
+                low = middle + 1;
+            }
+        }
+        let of = |first: usize| below(first).max(above(first));
+        low.checked_sub(1).map_or(of(low), |before| of(low).min(of(before)))
+    }
+
+    /// The largest disparity that has enough support.
+    fn nearest_supported(self, min_support: usize) -> Option<u16> {
+        let mut high = self.count();
+        // For each candidate, from the largest down, all below `high` are at most 1 px larger.
+        for i in (0..self.count()).rev() {
+            let candidate = self.at(i);
+            let (least, most) = around(candidate);
+            while self.at(high - 1) > most {
+                high -= 1;
+            }
+            if high >= min_support && self.at(high - min_support) >= least {
+                return Some(candidate);
+            }
+        }
+        None
+    }
 }
 
 /// Euclidean range of a pixel, metres; NaN where the rays do not meet in front of the cameras.
+#[inline]
 pub(crate) fn finite_range_m(geometry: &RectifiedGeometry, disparity_px: f64, x: f64, y: f64) -> f64 {
     let depth_m = geometry.depth_m(disparity_px);
     if depth_m.is_finite() && depth_m > 0.0 { depth_m * geometry.range_per_depth(x, y) } else { f64::NAN }

@@ -53,6 +53,9 @@ const NEAR_END_PX: f64 = 2.0;
 /// regions in metres on ten rendered rooms, 83 % lay within the sigma of a single pixel.
 const KEPT_VARIANCE: f64 = 0.6;
 const PIXELS_OF_ONE_VARIANCE: f64 = 60.0;
+/// Pixels looked at to fit a plane while it grows, and to say where the grown one ends.
+const FOR_A_FIT: usize = 1500;
+const FOR_THE_ANSWER: usize = 6000;
 const MAX_FITS: usize = 16;
 /// Surfaces fitted: among those equally near within [`WINDOW_ERROR_PX`] only the fit can tell.
 const MAX_SURFACES: usize = 4;
@@ -65,7 +68,31 @@ struct Window {
     /// The upper of its two bins.
     bin: usize,
     count: u32,
-    settled: bool,
+}
+
+impl Window {
+    /// Takes the pair under `bin`, which holds `count` pixels, enough of them, if it is the first or clearly fuller than
+    /// the one just before: the first to qualify may hold only the near tail of a surface's scatter.
+    fn offer(&mut self, bin: usize, count: u32) {
+        if self.count == 0 {
+            *self = Self { first: bin, bin, count };
+        } else if self.bin == bin + 1 && self.first - bin <= 2 && 4 * count > 5 * self.count {
+            (self.bin, self.count) = (bin, count);
+        }
+    }
+
+    /// Mean disparity of the pixels in and next to the window, which is that of column `x`, px.
+    fn mean_px(self, x: usize, u_disparity: &UDisparity) -> f64 {
+        let counts = u_disparity.counts();
+        let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(counts.width());
+        let (mut count, mut sum_px) = (0.0, 0.0);
+        for k in self.bin.saturating_sub(2)..(self.bin + 2).min(counts.height()) {
+            let pixels: u32 = counts.row(k)[columns.clone()].iter().map(|&n| u32::from(n)).sum();
+            count += f64::from(pixels);
+            sum_px += f64::from(pixels) * UDisparity::center_px(k);
+        }
+        sum_px / count
+    }
 }
 
 /// A pixel of a surface: what the surface's disparity is there, and how near that is ([`Scene::distance`]).
@@ -80,8 +107,9 @@ struct Point {
 /// Finds nearest surfaces; keeps its buffers from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub(super) struct SurfaceFinder {
-    u_disparity: UDisparity,
     windows: Vec<Window>,
+    /// Pixels of each column in two neighbouring bins.
+    pairs: Vec<u32>,
     /// Distance of each column's window; NaN where there is none, or a surface has taken it.
     distances: Vec<f64>,
     members: Vec<Member>,
@@ -89,18 +117,18 @@ pub(super) struct SurfaceFinder {
 }
 
 impl SurfaceFinder {
-    /// The nearest surface of a region that lies in the map.
+    /// The nearest surface of a region that lies in the map, whose pixels `u_disparity` counts.
     pub fn nearest(
         &mut self,
+        u_disparity: &UDisparity,
         disparity: &DisparityMap,
         geometry: Option<&RectifiedGeometry>,
         region: &Region,
         params: &ProfileParams,
     ) -> Option<NearestSurface> {
-        let scene = Scene { disparity, geometry, region, params };
+        let scene = Scene { disparity, geometry, region, params, u_disparity };
         let support = (SURFACE_SUPPORT * params.min_support).min(region.width * region.height / 4).max(1);
-        self.u_disparity.count(disparity, region);
-        self.find_windows(support as u32);
+        self.find_windows(u_disparity, support as u32);
         self.distances.clear();
         for x in 0..region.width {
             let found = self.windows[x].count > 0;
@@ -128,69 +156,54 @@ impl SurfaceFinder {
     }
 
     /// For each column the nearest pair of bins with `support` pixels within [`REACH`] columns.
-    fn find_windows(&mut self, support: u32) {
-        let counts = self.u_disparity.counts();
+    fn find_windows(&mut self, u_disparity: &UDisparity, support: u32) {
+        let counts = u_disparity.counts();
         let width = counts.width();
         self.windows.clear();
         self.windows.resize(width, Window::default());
+        // Zeros on either side stand for the columns beyond the region.
+        self.pairs.clear();
+        self.pairs.resize(width + 2 * REACH, 0);
         for bin in (1..counts.height()).rev() {
-            let (upper, lower) = (counts.row(bin), counts.row(bin - 1));
-            let pair = |x: usize| u32::from(upper[x]) + u32::from(lower[x]);
-            let mut sum: u32 = (0..REACH.min(width)).map(pair).sum();
-            for (x, window) in self.windows.iter_mut().enumerate() {
-                if x + REACH < width {
-                    sum += pair(x + REACH);
+            let inside = &mut self.pairs[REACH..REACH + width];
+            for ((pair, &upper), &lower) in inside.iter_mut().zip(counts.row(bin)).zip(counts.row(bin - 1)) {
+                *pair = u32::from(upper) + u32::from(lower);
+            }
+            if self.pairs.iter().sum::<u32>() < support {
+                continue;
+            }
+            let mut sum: u32 = self.pairs[..2 * REACH].iter().sum();
+            let ends = self.pairs[2 * REACH..].iter().zip(&self.pairs);
+            for (window, (&entering, &leaving)) in self.windows.iter_mut().zip(ends) {
+                sum += entering;
+                if sum >= support {
+                    window.offer(bin, sum);
                 }
-                if x > REACH {
-                    sum -= pair(x - REACH - 1);
-                }
-                if window.settled {
-                    continue;
-                }
-                if window.count == 0 {
-                    if sum >= support {
-                        *window = Window { first: bin, bin, count: sum, settled: false };
-                    }
-                } else if 4 * sum > 5 * window.count && window.first - bin <= 2 {
-                    // The first window to qualify may hold only the near tail of a surface's scatter.
-                    (window.bin, window.count) = (bin, sum);
-                } else {
-                    window.settled = true;
-                }
+                sum -= leaving;
             }
         }
-    }
-
-    /// Mean disparity of the pixels in and next to a column's window, px.
-    fn window_px(&self, x: usize) -> f64 {
-        let counts = self.u_disparity.counts();
-        let bin = self.windows[x].bin;
-        let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(counts.width());
-        let (mut count, mut sum_px) = (0.0, 0.0);
-        for k in bin.saturating_sub(2)..(bin + 2).min(counts.height()) {
-            let pixels: u32 = counts.row(k)[columns.clone()].iter().map(|&n| u32::from(n)).sum();
-            count += f64::from(pixels);
-            sum_px += f64::from(pixels) * UDisparity::center_px(k);
-        }
-        sum_px / count
     }
 
     /// Distance of a column's window if its disparity were `more_px` larger than it seems.
     fn window_distance(&self, scene: &Scene<'_>, x: usize, more_px: f64) -> f64 {
         let middle_row = scene.region.y as f64 + 0.5 * (scene.region.height - 1) as f64;
-        scene.distance(self.window_px(x) + more_px, (scene.region.x + x) as f64, middle_row)
+        scene.distance(
+            self.windows[x].mean_px(x, scene.u_disparity) + more_px,
+            (scene.region.x + x) as f64,
+            middle_row,
+        )
     }
 
     /// Nearest point of the surface at column `seed` of the region, and how many pixels the surface has; takes away
     /// the windows of the columns it covers.
     fn grow(&mut self, scene: &Scene<'_>, seed: usize, support: usize) -> Option<(Point, usize)> {
-        let seed_px = self.window_px(seed);
+        let seed_px = self.windows[seed].mean_px(seed, scene.u_disparity);
         self.distances[seed] = f64::NAN;
         let first = scene.region.x;
         let last = first + scene.region.width - 1;
         let columns = (first + seed).saturating_sub(REACH).max(first)..=(first + seed + REACH).min(last);
         // A window is 1 px wide and its centre uncertain by a fraction: the first look is wider.
-        scene.collect(columns.clone(), &Plane::level(seed_px), 1.0, &mut self.members);
+        scene.collect(columns.clone(), &Plane::level(seed_px), 1.0, FOR_A_FIT, &mut self.members);
         let start = Plane::fit(&self.members, scene.params.disparity_sigma_px)?;
 
         let (plane, grown) = self.extend(scene, start, columns.clone());
@@ -226,7 +239,7 @@ impl SurfaceFinder {
             let more_left = (scene.region.x..left).rev().take(limit).take_while(holds).count();
             let more_right = (right + 1..end).take(limit).take_while(holds).count();
             (left, right) = (left - more_left, right + more_right);
-            let step = scene.collect(left..=right, &plane, TOLERANCE_PX, &mut self.members);
+            let step = scene.collect(left..=right, &plane, TOLERANCE_PX, FOR_A_FIT, &mut self.members);
             let Some(fitted) = Plane::fit(&self.members, scene.params.disparity_sigma_px) else { break };
             plane = fitted;
             // A surface at an angle also gains rows as its slope comes out.
@@ -246,7 +259,8 @@ impl SurfaceFinder {
         for x in columns {
             let ends = [plane.at(x, top), plane.at(x, top + height - 1)];
             let (far, near) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
-            if (far - 1.0..=near + 1.0).contains(&self.window_px(x - first)) {
+            let window_px = self.windows[x - first].mean_px(x - first, scene.u_disparity);
+            if (far - 1.0..=near + 1.0).contains(&window_px) {
                 self.distances[x - first] = f64::NAN;
             }
         }
@@ -262,13 +276,13 @@ impl SurfaceFinder {
         columns: RangeInclusive<usize>,
         support: usize,
     ) -> Option<(Point, usize)> {
-        let step = scene.collect(columns.clone(), plane, TOLERANCE_PX, &mut self.members);
+        let step = scene.collect(columns.clone(), plane, TOLERANCE_PX, FOR_THE_ANSWER, &mut self.members);
         let pixels = step * self.members.len();
         let support = support.div_ceil(step);
         let near_end_px = self.nearest_point(scene, plane, support)?.disparity_px - NEAR_END_PX;
         self.members.retain(|member| plane.at(member.x, member.y) >= near_end_px);
         let plane = Plane::fit(&self.members, scene.params.disparity_sigma_px)?;
-        scene.collect(columns, &plane, TOLERANCE_PX, &mut self.members);
+        scene.collect(columns, &plane, TOLERANCE_PX, FOR_THE_ANSWER, &mut self.members);
         self.members.retain(|member| plane.at(member.x, member.y) >= near_end_px);
         self.nearest_point(scene, &plane, support).map(|point| (point, pixels))
     }

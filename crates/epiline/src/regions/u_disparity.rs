@@ -21,6 +21,7 @@ impl UDisparity {
     pub const RAW_PER_BIN: u16 = DisparityMap::SCALE / 2;
 
     /// The bin of a disparity.
+    #[inline]
     pub fn bin(raw: u16) -> usize {
         usize::from(raw / Self::RAW_PER_BIN)
     }
@@ -34,8 +35,8 @@ impl UDisparity {
     pub fn count(&mut self, disparity: &DisparityMap, region: &Region) {
         let rows = region.y..region.y + region.height;
         let columns = region.x..region.x + region.width;
-        let largest =
-            rows.clone().flat_map(|y| &disparity.values.row(y)[columns.clone()]).copied().max().unwrap_or(0);
+        let largest_of = |y| disparity.values.row(y)[columns.clone()].iter().copied().fold(0, u16::max);
+        let largest = rows.clone().map(largest_of).fold(0, u16::max);
         self.counts.resize(region.width, Self::bin(largest) + 1);
         self.counts.fill(0);
         let width = region.width;
