@@ -145,9 +145,7 @@ pub(super) unsafe fn sad_row<
             let mut cells = ring.column(batch);
             let blocked = *row.blocked_groups.get_unchecked(batch / BATCH) != 0;
             if inner.start <= batch && batch + BATCH <= inner.end && !blocked {
-                // Counted from 0 to a constant: with a bound to compare with, pointers are spilled in the loop.
-                for i in 0..BATCH {
-                    let x = batch + i;
+                for x in batch..batch + BATCH {
                     walk.column::<SMALL, LEFT_RIGHT, COARSE, false>(row, x, &ring, cells, &mut picked);
                     cells = cells.add(ring.stride);
                 }
