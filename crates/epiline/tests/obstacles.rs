@@ -111,20 +111,18 @@ fn boxes_and_poles_are_found_and_nothing_else() {
     let bias = errors.iter().sum::<f64>() / errors.len() as f64;
     eprintln!("precision {precision} recall {recall} of {boards} boards, bias {bias}");
     assert!(boards > 120);
-    assert!(precision >= 0.97 && recall >= 0.95, "precision {precision} recall {recall} of {boards} boards");
+    // Without a ground a column that seems to lean is left out: a board may come in two pieces, one of which counts here.
+    assert!(precision >= 0.95 && recall >= 0.95, "precision {precision} recall {recall} of {boards} boards");
     // Without a ground the floor at its foot, a little nearer, is taken for a part of a thing.
     assert!(bias.abs() < 0.008, "depth is off by {bias} in the mean");
 }
 
 #[test]
-fn a_floor_is_no_obstacle_until_it_rises_steeper_than_the_support_allows() {
-    let world = World { floor_m: Some(0.5), ..World::default() };
-    assert_eq!(find(&world, ORDINARY, 1, &NEAR_ROOM), []);
-    // 2 m above the floor each pixel of disparity holds 16.7 rows.
-    let high = World { floor_m: Some(2.0), ..World::default() };
-    assert_ne!(find(&high, NO_FLAWS, 1, &NEAR_ROOM), []);
-    let params = ObstacleParams { min_support: 20, ..NEAR_ROOM };
-    assert_eq!(find(&high, NO_FLAWS, 1, &params), []);
+fn a_floor_is_no_obstacle_however_far_below() {
+    let below = |floor_m| World { floor_m: Some(floor_m), ..World::default() };
+    assert_eq!(find(&below(0.5), ORDINARY, 1, &NEAR_ROOM), []);
+    // 2 m above the floor each pixel of disparity holds 16.7 rows, twice what a column must have: it leans all the same.
+    assert_eq!(find(&below(2.0), NO_FLAWS, 1, &NEAR_ROOM), []);
 }
 
 #[test]
@@ -170,8 +168,8 @@ fn measures_are_those_of_the_board() {
     assert!((obstacle.bearing_rad - (0.3_f64 / 2.0).atan()).abs() < 1.0 / 300.0);
     assert!((obstacle.range_m - (4.0 + 0.3_f64.powi(2)).sqrt()).abs() < 0.01, "{obstacle:?}");
     // Noise of 75 columns, six of which count as one; what they share; what the outline hides.
-    let sigma_px = (0.25 * (6.0_f64 / 75.0).sqrt()).hypot(0.68 * 0.25);
-    let sigma_m = (4.0 * sigma_px / 36.0 * obstacle.range_m / 2.0).hypot(0.008 * obstacle.range_m);
+    let sigma_px = (0.25 * (6.0_f64 / 75.0).sqrt()).hypot(0.58 * 0.25);
+    let sigma_m = (4.0 * sigma_px / 36.0 * obstacle.range_m / 2.0).hypot(0.007 * obstacle.range_m);
     assert!((obstacle.sigma_m / sigma_m - 1.0).abs() < 1e-3, "{obstacle:?}, expected {sigma_m}");
     let bounds = obstacle.bounds;
     assert!((bounds.x as f64 - (161.3 + 45.0)).abs() <= 1.0 && (bounds.width as f64 - 75.0).abs() <= 1.0);

@@ -101,8 +101,8 @@ impl ColumnReader {
     }
 }
 
-/// The nearest surface of a stretch: from near to far the first fullest window of 1.5 px. Where no ground is known, `None`
-/// for what leans: it may be a floor or a ceiling.
+/// The nearest surface of a stretch: from near to far the first fullest window of 1.5 px. Where no ground is known,
+/// of what leans the fullest of all, and `None` if that is not much fuller: it may be a floor or a ceiling.
 fn peak_of(cells: &Cells, stretch: &Stretch, has_ground: bool) -> Option<Peak> {
     let &Stretch { column, near, far } = stretch;
     let window = |bin: usize| {
@@ -120,11 +120,16 @@ fn peak_of(cells: &Cells, stretch: &Stretch, has_ground: bool) -> Option<Peak> {
     }
     // What leans back has as many pixels in every bin: its near end is what counts.
     let behind = near.saturating_sub(LEANING_REACH);
-    let leans = behind >= far && 2 * window(behind) >= window(near.saturating_sub(1));
+    let (at_near, at_behind) = (window(near.saturating_sub(1)), window(behind));
+    let leans = behind >= far && 2 * at_behind >= at_near;
     if leans && !has_ground {
-        return None;
+        // What stands on a floor that is seen before it stands out from the floor.
+        fullest = (far..=near).rev().max_by_key(|&bin| window(bin))?;
+        if window(fullest) <= 2 * at_near.min(at_behind) {
+            return None;
+        }
     }
-    let bins = if leans {
+    let bins = if leans && has_ground {
         near.saturating_sub(1)..=near + 1
     } else {
         fullest.saturating_sub(SCATTER)..=fullest + SCATTER

@@ -54,7 +54,7 @@ const NEAR_END_PX: f64 = 2.0;
 const KEPT_VARIANCE: f64 = 0.6;
 const PIXELS_OF_ONE_VARIANCE: f64 = 60.0;
 /// Pixels looked at to fit a plane while it grows, and to say where the grown one ends.
-const FOR_A_FIT: usize = 1500;
+const FOR_A_FIT: usize = 6000;
 const FOR_THE_ANSWER: usize = 6000;
 const MAX_FITS: usize = 16;
 /// Surfaces fitted: among those equally near within [`WINDOW_ERROR_PX`] only the fit can tell.
