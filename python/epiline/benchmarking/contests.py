@@ -44,7 +44,7 @@ class Plan:
     ----------
     repeats, budget_s
         A contest ends after so many repetitions, or so many seconds if that is sooner. With the defaults, every size,
-        both thread counts and three levels take less than ten minutes of an idle machine.
+        both thread counts and three levels are meant to take about ten minutes of an idle machine.
     """
 
     sizes: tuple[Size, ...] = SIZES

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from epiline._core import (
@@ -61,7 +62,8 @@ def add_matcher_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--preset",
         choices=PRESETS,
-        help="block matching, or semi-global over three or four paths, each with all tests (default fast)",
+        help="block matching, or semi-global over three or four paths, each with all tests (default fast; of run: "
+        "fast without costs from half the resolution)",
     )
     how.add_argument("--method", choices=METHODS, help="instead of a preset: a method with its defaults, without tests")
     group.add_argument(
@@ -93,19 +95,23 @@ _NO_TESTS: dict[str, Any] = {
 }
 
 
-def matcher_from(args: argparse.Namespace, width: int) -> StereoMatcher:
-    """The matcher that the options describe, for images of this width."""
+def matcher_from(
+    args: argparse.Namespace, width: int, *, default: Mapping[str, Any] = MappingProxyType({"preset": "fast"})
+) -> StereoMatcher:
+    """The matcher that the options describe, for images of this width; by default with the parameters of `default`."""
     subpixel = False if args.subpixel == "off" else args.subpixel
     given = {"block_size": args.window, "prefilter": args.prefilter, "subpixel": subpixel}
-    return StereoMatcher(
-        **({"method": args.method} if args.method else {"preset": args.preset or "fast"}),
-        num_disparities=args.disparities or default_disparities(width),
-        min_disparity=args.min_disparity,
-        threads=args.threads,
-        fill=args.fill,
+    asked = {"method": args.method, "preset": args.preset}
+    options: dict[str, Any] = {
+        **({name: value for name, value in asked.items() if value} or default),
+        "num_disparities": args.disparities or default_disparities(width),
+        "min_disparity": args.min_disparity,
+        "threads": args.threads,
+        "fill": args.fill,
         **{name: value for name, value in given.items() if value is not None},
         **(_NO_TESTS if args.no_tests else {}),
-    )
+    }
+    return StereoMatcher(**options)
 
 
 def load_rig(path: Path) -> StereoCalibration | RectifiedGeometry:

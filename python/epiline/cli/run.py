@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> None:
     with ExitStack() as stack:
         source = stack.enter_context(open_source(args.source))
         length = source.length if args.limit is None else min(args.limit, source.length or args.limit)
-        matcher = make_matcher(args, config, source.size[0])
+        matcher = make_matcher(args, config, rig, source.size[0])
         pipeline = make_pipeline(args, config, rig, matcher)
         sink = _open_sink(args.jsonl, stack)
         recorder = _Recorder(args.report, length, rig, matcher) if args.report else None
@@ -106,11 +106,14 @@ def run(args: argparse.Namespace) -> None:
             say(f"wrote {written}")
 
 
-def make_matcher(args: argparse.Namespace, config: Configuration, width: int) -> StereoMatcher:
-    """The matcher of the configuration over the options' and defaults."""
+def make_matcher(
+    args: argparse.Namespace, config: Configuration, rig: StereoCalibration | RectifiedGeometry, width: int
+) -> StereoMatcher:
+    """The matcher of the configuration over the options' and, by default, a pipeline's own."""
     if "preset" in config.matcher:
         return StereoMatcher(**{"num_disparities": default_disparities(width), **config.matcher})
-    return StereoMatcher(**{**matcher_from(args, width).parameters, **config.matcher})
+    matcher = matcher_from(args, width, default=Pipeline(rig).matcher_parameters)
+    return StereoMatcher(**{**matcher.parameters, **config.matcher})
 
 
 def make_pipeline(
