@@ -15,7 +15,7 @@ pub(super) const TOLERANCE_PX: f64 = 0.75;
 /// A column is on the plane if its pixels near it are no farther off in the mean, px.
 const ON_PLANE_PX: f64 = 0.5;
 /// Rows of a column looked at to see whether it continues a plane.
-const ENOUGH_ROWS: usize = 48;
+const ENOUGH_ROWS: usize = 64;
 /// Pixels whose errors are alike, because they share most of their matching window.
 const ALIKE_PX: f64 = 25.0;
 /// A slope of fewer standard deviations is none.

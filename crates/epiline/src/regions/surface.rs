@@ -53,9 +53,8 @@ const NEAR_END_PX: f64 = 2.0;
 /// regions in metres on ten rendered rooms, 83 % lay within the sigma of a single pixel.
 const KEPT_VARIANCE: f64 = 0.6;
 const PIXELS_OF_ONE_VARIANCE: f64 = 60.0;
-/// Pixels looked at to fit a plane while it grows, and to say where the grown one ends.
+/// Pixels looked at to fit a plane, and to say where it ends.
 const FOR_A_FIT: usize = 6000;
-const FOR_THE_ANSWER: usize = 6000;
 const MAX_FITS: usize = 16;
 /// Surfaces fitted: among those equally near within [`WINDOW_ERROR_PX`] only the fit can tell.
 const MAX_SURFACES: usize = 4;
@@ -276,13 +275,13 @@ impl SurfaceFinder {
         columns: RangeInclusive<usize>,
         support: usize,
     ) -> Option<(Point, usize)> {
-        let step = scene.collect(columns.clone(), plane, TOLERANCE_PX, FOR_THE_ANSWER, &mut self.members);
+        let step = scene.collect(columns.clone(), plane, TOLERANCE_PX, FOR_A_FIT, &mut self.members);
         let pixels = step * self.members.len();
         let support = support.div_ceil(step);
         let near_end_px = self.nearest_point(scene, plane, support)?.disparity_px - NEAR_END_PX;
         self.members.retain(|member| plane.at(member.x, member.y) >= near_end_px);
         let plane = Plane::fit(&self.members, scene.params.disparity_sigma_px)?;
-        scene.collect(columns, &plane, TOLERANCE_PX, FOR_THE_ANSWER, &mut self.members);
+        scene.collect(columns, &plane, TOLERANCE_PX, FOR_A_FIT, &mut self.members);
         self.members.retain(|member| plane.at(member.x, member.y) >= near_end_px);
         self.nearest_point(scene, &plane, support).map(|point| (point, pixels))
     }
