@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import epiline as ep
-from epiline.sources.rendered import Box, Lamp, RenderedRig, Room, Scene, nearest_supported, seen_by_right, true_depth
+from epiline.sources.rendered import Box, Lamp, RenderedRig, Room, Scene, nearest_supported, seen_by_right, true_aligned
 from epiline.sources.rendered.camera import world_from_optical
 from epiline.sources.rendered.scene import CARDBOARD, CRATE, GREEN, RED, STEEL
 
@@ -81,16 +81,7 @@ def measure(seed: int, preset: str) -> list[tuple[float, float, float]]:
         up = geometry.aligned_from_left @ pose[:3, :3].T @ [0.0, 0.0, 1.0]
         camera = ep.CameraOverGround(pose[2, 3], pitch_rad=math.asin(-up[2]), roll_rad=math.atan2(-up[0], -up[1]))
         right = np.array([math.cos(camera.roll_rad), -math.sin(camera.roll_rad), 0.0])
-        view = true_depth(
-            rig.tracer,
-            pose,
-            focal_px=geometry.focal_px,
-            cx_px=geometry.cx_px,
-            cy_px=geometry.cy_px,
-            width=geometry.width,
-            height=geometry.height,
-            aligned_from_left=geometry.aligned_from_left,
-        )
+        view = true_aligned(rig.tracer, pose, geometry)
         points = view.directions * view.depth_m[..., None]
         axes = (camera.height_m + points @ up, view.range_m, points @ right)
         seen = seen_by_right(view, rig.truth, pose) & pair.left_valid

@@ -9,7 +9,7 @@ import pytest
 
 import epiline as ep
 from epiline.evaluation.obstacles.rendered import calibration_of
-from epiline.sources.rendered import Box, RenderedRig, Room, Scene, ViewTruth, true_depth, world_from_optical
+from epiline.sources.rendered import Box, RenderedRig, Room, Scene, ViewTruth, true_aligned, world_from_optical
 from epiline.sources.rendered.scene import CARDBOARD, PLANKS, WHITEWASH
 
 WALL_M = 2.5
@@ -38,16 +38,7 @@ def seen(request: pytest.FixtureRequest) -> Seen:
     matcher = ep.StereoMatcher(preset=request.param, num_disparities=64, threads=1)
     pipeline = ep.Pipeline(calibration, matcher=matcher, alignment=False)
     g = pipeline.geometry
-    view = true_depth(
-        rig.tracer,
-        pose,
-        focal_px=g.focal_px,
-        cx_px=g.cx_px,
-        cy_px=g.cy_px,
-        width=g.width,
-        height=g.height,
-        aligned_from_left=g.aligned_from_left,
-    )
+    view = true_aligned(rig.tracer, pose, g)
     return Seen(pipeline.process(*rig.photograph(pose)), view)
 
 

@@ -153,19 +153,10 @@ def _drive(rig: RenderedRig, pipeline: Pipeline, count: int) -> _Drive:
 
 def _truth_of(rig: RenderedRig, frame: RenderedFrame, result: FrameResult) -> tuple[FrameTruth, dict[int, str]]:
     from epiline.report import FrameTruth
-    from epiline.sources.rendered import column_nearest, nearest_supported, seen_by_right, true_depth
+    from epiline.sources.rendered import column_nearest, nearest_supported, seen_by_right, true_aligned
 
     geometry = result.pair.geometry
-    view = true_depth(
-        rig.tracer,
-        frame.world_from_left,
-        focal_px=geometry.focal_px,
-        cx_px=geometry.cx_px,
-        cy_px=geometry.cy_px,
-        width=geometry.width,
-        height=geometry.height,
-        aligned_from_left=geometry.aligned_from_left,
-    )
+    view = true_aligned(rig.tracer, frame.world_from_left, geometry)
     # No stereo system can measure what only one of its cameras sees.
     range_m = np.where(
         seen_by_right(view, rig.truth, frame.world_from_left) & result.pair.left_valid, view.range_m, np.nan

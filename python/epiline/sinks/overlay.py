@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from epiline._core import Scan, Track
 
 Image: TypeAlias = NDArray[np.uint8]
 Colour: TypeAlias = tuple[int, int, int]
@@ -24,45 +26,7 @@ _SIGMAS = 2.0
 """Size of a track's ellipse."""
 
 
-class TrackLike(Protocol):
-    """`epiline.Track`."""
-
-    @property
-    def id(self) -> int: ...
-    @property
-    def position_m(self) -> tuple[float, float]: ...
-    @property
-    def velocity_mps(self) -> tuple[float, float]: ...
-    @property
-    def covariance(self) -> Floats: ...
-    @property
-    def range_m(self) -> float: ...
-    @property
-    def sigma_m(self) -> float: ...
-    @property
-    def misses(self) -> int: ...
-    @property
-    def confirmed(self) -> bool: ...
-    @property
-    def box(self) -> tuple[int, int, int, int]: ...
-
-
-class ScanLike(Protocol):
-    """`epiline.Scan`."""
-
-    @property
-    def angle_rad(self) -> NDArray[np.float32]: ...
-    @property
-    def nearest_m(self) -> NDArray[np.float32]: ...
-    @property
-    def free_from_m(self) -> NDArray[np.float32]: ...
-    @property
-    def free_to_m(self) -> NDArray[np.float32]: ...
-    @property
-    def max_range_m(self) -> float: ...
-
-
-def picture_of(left: Image, tracks: Sequence[TrackLike], scan: ScanLike | None, *, caption: str = "") -> Image:
+def picture_of(left: Image, tracks: Sequence[Track], scan: Scan | None, *, caption: str = "") -> Image:
     """The left view with its confirmed tracks, and beside it, if there is a scan, the view from above.
 
     Parameters
@@ -109,7 +73,7 @@ class _Labels:
         self._picture = picture
         self._taken: list[tuple[int, int, int, int]] = []
 
-    def put(self, track: TrackLike) -> None:
+    def put(self, track: Track) -> None:
         """Above its box, below it, or else inside."""
         right_mps, forward_mps = track.velocity_mps
         text = f"{track.id}: {track.range_m:.1f}+-{track.sigma_m:.2f}m {math.hypot(right_mps, forward_mps):.1f}m/s"
@@ -135,7 +99,7 @@ def _write(picture: Image, text: str, at: tuple[int, int], colour: Colour) -> No
     cv2.putText(picture, text, at, _FONT, _TEXT_SCALE, colour, 1, cv2.LINE_AA)
 
 
-def top_view(scan: ScanLike, tracks: Sequence[TrackLike], *, side_px: int) -> Image:
+def top_view(scan: Scan, tracks: Sequence[Track], *, side_px: int) -> Image:
     """The floor from above, the camera at the middle of the lower edge, ahead is up.
 
     Parameters
@@ -176,7 +140,7 @@ def top_view(scan: ScanLike, tracks: Sequence[TrackLike], *, side_px: int) -> Im
     return view
 
 
-def _draw_free(view: Image, at: ToPixels, scan: ScanLike) -> None:
+def _draw_free(view: Image, at: ToPixels, scan: Scan) -> None:
     angles = np.asarray(scan.angle_rad, np.float64)
     begin, end = (np.asarray(values, np.float64) for values in (scan.free_from_m, scan.free_to_m))
     free = np.isfinite(begin) & np.isfinite(end)
@@ -198,7 +162,7 @@ def _draw_rings(view: Image, foot: Floats, px_per_m: float, max_range_m: float) 
         _write(view, f"{k * step:g} m", (centre[0] + 3, centre[1] - radius - 3), _RINGS)
 
 
-def _draw_track(view: Image, track: TrackLike, foot: Floats, px_per_m: float) -> None:
+def _draw_track(view: Image, track: Track, foot: Floats, px_per_m: float) -> None:
     colour = colour_of(track.id)
 
     def at(position_m: Floats) -> tuple[int, int]:

@@ -26,7 +26,7 @@ from epiline.evaluation.obstacles.scans import HEADROOM_M, STEP_M, ScanScore, sc
 from epiline.evaluation.obstacles.scoring import RangeSample, Report, Rules, score_frame
 from epiline.evaluation.obstacles.tally import Tally
 from epiline.evaluation.obstacles.truth import SUPPORT_PX, Flags, FrameTruth, frame_truth
-from epiline.sources.rendered import RigTruth, Tracer, ViewTruth, nearest_supported, true_depth
+from epiline.sources.rendered import RigTruth, Tracer, ViewTruth, nearest_supported, true_aligned
 from epiline.sources.rendered.courses import Course
 
 
@@ -122,16 +122,7 @@ def drive(course: Course, entry: Entry, *, cache: Path | None = None) -> Iterato
         if valid is None:
             aligned = Rectifier(calibration)(photograph.left, photograph.right)
             valid = aligned.left_valid, aligned.right_valid
-        view = true_depth(
-            tracer,
-            photograph.world_from_left,
-            focal_px=geometry.focal_px,
-            cx_px=geometry.cx_px,
-            cy_px=geometry.cy_px,
-            width=geometry.width,
-            height=geometry.height,
-            aligned_from_left=geometry.aligned_from_left,
-        )
+        view = true_aligned(tracer, photograph.world_from_left, geometry)
         truth = frame_truth(view, geometry, valid=valid, num_disparities=disparities, ground=course.ground)
         yield DrivenFrame(pipeline.process(photograph.left, photograph.right), truth, view)
 

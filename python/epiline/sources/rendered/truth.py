@@ -10,6 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from epiline._core import RectifiedGeometry
 from epiline.sources.rendered.camera import BrownCamera, Floats, RigTruth
 from epiline.sources.rendered.raycast import Tracer
 from epiline.sources.rendered.scene import Scene
@@ -172,6 +173,20 @@ def true_depth(
     world_from_aligned = world_from_left.copy()
     world_from_aligned[:3, :3] = world_from_left[:3, :3] @ rotation.T
     return true_view(scene, world_from_aligned, directions)
+
+
+def true_aligned(scene: Scene | Tracer, world_from_left: Floats, geometry: RectifiedGeometry) -> ViewTruth:
+    """Truth at the pixels of the aligned left image of a rectified pair: :func:`true_depth` of its geometry."""
+    return true_depth(
+        scene,
+        world_from_left,
+        focal_px=geometry.focal_px,
+        cx_px=geometry.cx_px,
+        cy_px=geometry.cy_px,
+        width=geometry.width,
+        height=geometry.height,
+        aligned_from_left=geometry.aligned_from_left,
+    )
 
 
 def seen_by_right(view: ViewTruth, rig: RigTruth, world_from_left: Floats) -> NDArray[np.bool_]:
