@@ -1,10 +1,9 @@
 //! The pipeline against its stages called one by one, and how little it allocates once warm.
 
+mod allocations;
 mod scene;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use allocations::allocations;
 use epiline::camera::{Brown, CameraModel, Pose, StereoCalibration};
 use epiline::ground::{GroundParams, find_ground};
 use epiline::image::{Image, StereoPair};
@@ -19,36 +18,6 @@ use epiline::scan::{Scan, ScanParams, Scanner};
 use epiline::tracking::{Detection, TrackParams, Tracker};
 use nalgebra::{Rotation3, Vector3};
 use scene::{Board, HEIGHT, Random, WIDTH, World, geometry};
-
-/// Counts this thread's allocations.
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-// SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        // SAFETY: as the caller promised.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as the caller promised.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
-        ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        // SAFETY: as the caller promised.
-        unsafe { System.realloc(pointer, layout, new_size) }
-    }
-}
-
-#[global_allocator]
-static COUNTING: Counting = Counting;
 
 /// A textured view of a world from both cameras, each pixel of the right one looked up in the left one.
 fn photograph(world: &World, geometry: &RectifiedGeometry, seed: u64) -> [Image<u8>; 2] {
@@ -250,9 +219,10 @@ fn a_warm_pipeline_does_not_allocate() {
         for _ in 0..2 {
             pipeline.process(pair(&images)).expect("sizes agree");
         }
-        let before = ALLOCATIONS.get();
-        pipeline.process(pair(&images)).expect("sizes agree");
-        assert_eq!(ALLOCATIONS.get() - before, 0, "allocations in a warm frame");
+        let warm = || {
+            pipeline.process(pair(&images)).expect("sizes agree");
+        };
+        assert_eq!(allocations(warm), 0, "allocations in a warm frame");
     }
 }
 

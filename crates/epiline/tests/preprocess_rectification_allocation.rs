@@ -1,36 +1,13 @@
 //! A warm stage allocates nothing.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
+mod allocations;
 
+use allocations::allocations;
 use epiline::camera::{Brown, CameraModel, Pose, StereoCalibration};
 use epiline::image::Image;
 use epiline::preprocess::{GaussianLowPass, equalize_histogram};
 use epiline::rectification::{AlignmentMeter, AlignmentOptions, Rectifier};
 use nalgebra::{Matrix3, Vector3};
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: every call goes to the system's allocator unchanged; counting touches only a constant-initialised cell.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller's promises are the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promises are the system allocator's.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static COUNTING: Counting = Counting;
 
 #[test]
 fn warm_stages_allocate_nothing() {
@@ -66,10 +43,6 @@ fn warm_stages_allocate_nothing() {
             .expect("sizes agree");
         assert!(result.matches.len() >= 15, "the test must exercise matching: {}", result.matches.len());
     };
-    let cold = ALLOCATIONS.get();
-    process();
-    let warm = ALLOCATIONS.get();
-    assert!(warm > cold, "the counter must count");
-    process();
-    assert_eq!(ALLOCATIONS.get() - warm, 0);
+    assert!(allocations(&mut process) > 0, "the counter must count");
+    assert_eq!(allocations(process), 0);
 }
