@@ -231,6 +231,113 @@ fn a_frame_that_disagrees_is_passed_over_and_a_new_pose_is_followed() {
 }
 
 #[test]
+fn a_ramp_ahead_does_not_tilt_the_plane_under_the_camera() {
+    let stance = Stance { height_m: 0.6, pitch_rad: 0.08, roll_rad: -0.02 };
+    let [down, ahead, _] = stance.axes();
+    for (seed, foot_m) in [2.2, 2.6, 3.0].into_iter().enumerate() {
+        for slope in [0.0, 1.0 / 12.0, -1.0 / 12.0] {
+            let ramp = Patch {
+                normal: down + ahead * slope,
+                offset_m: stance.height_m + slope * foot_m,
+                inside: Box::new(move |point| ahead.dot(point) >= foot_m),
+            };
+            let floor = Patch { inside: Box::new(move |point| ahead.dot(point) < foot_m), ..stance.floor() };
+            let ground = ground_of(&[floor, ramp], 20 + seed as u64);
+            let ground = ground.unwrap_or_else(|reason| panic!("{foot_m} m, {slope}: {reason:?}"));
+            let pitch_off_rad = (ground.pitch_rad - stance.pitch_rad).abs();
+            assert!(pitch_off_rad < 0.004, "{foot_m} m, {slope}: off by {pitch_off_rad}");
+            assert!((ground.camera_height_m - 0.6).abs() < 0.006, "{foot_m} m, {slope}: {ground:?}");
+        }
+    }
+}
+
+/// Frames of one sight after those of another, and what the estimator says of the last.
+fn after(sights: [&[Patch]; 2], frames: [u64; 2]) -> [Result<GroundPlane, NoGround>; 2] {
+    let geometry = geometry();
+    let mut estimator = GroundEstimator::new(GroundParams::default()).expect("parameters");
+    let mut seed = 0;
+    [0, 1].map(|i| {
+        let mut last = Err(NoGround::NotAsked);
+        for _ in 0..frames[i] {
+            last = estimator.estimate(&see(sights[i], &geometry, seed), &geometry).expect("sizes");
+            seed += 1;
+        }
+        last
+    })
+}
+
+#[test]
+fn a_plane_that_is_followed_is_given_up_for_what_is_there_now() {
+    let stance = Stance { height_m: 0.6, pitch_rad: 0.1, roll_rad: 0.0 };
+    let floor = [stance.floor(), stance.board(8.0, (-9.0, 9.0), 3.0)];
+    let height_m = |ground: &Result<GroundPlane, NoGround>| ground.expect("a floor").camera_height_m;
+
+    // The rig turns to a wall: after the frames a plane is carried on for there is no ground.
+    let wall = [Patch::plane(Vector3::new(0.2, 0.0, 1.0).normalize(), 1.5)];
+    let [before, now] = after([&floor, &wall], [10, 6]);
+    assert!((height_m(&before) - 0.6).abs() < 0.02);
+    assert_eq!(now, Err(NoGround::NoPlane));
+
+    // It is lifted.
+    let lifted = Stance { height_m: 0.9, ..stance };
+    let [_, now] = after([&floor, &[lifted.floor()]], [10, 5]);
+    assert!((height_m(&now) - 0.9).abs() < 0.03, "{now:?}");
+
+    // It drives onto a ramp of 1 in 12, until it stands on it: ahead it is level again, as seen from there.
+    let [_, now] = after([&floor, &[Stance { pitch_rad: 0.1 - 1.0 / 12.0, ..stance }.floor()]], [10, 5]);
+    assert!((now.expect("a ramp").pitch_rad - (0.1 - 1.0 / 12.0)).abs() < 0.006, "{now:?}");
+
+    // What it followed was a platform that filled the view, and the floor below it comes in sight.
+    let platform = stance.shelf(0.2, (0.0, 60.0), (-60.0, 60.0));
+    let beside = stance.shelf(0.2, (0.0, 3.0), (-60.0, -0.3));
+    let [before, now] = after([&[platform], &[beside, stance.floor()]], [10, 12]);
+    assert!((height_m(&before) - 0.4).abs() < 0.02, "{before:?}");
+    assert!((height_m(&now) - 0.6).abs() < 0.03, "{now:?}");
+}
+
+#[test]
+fn following_is_no_worse_than_looking_afresh() {
+    let geometry = geometry();
+    let mut estimator = GroundEstimator::new(GroundParams::default()).expect("parameters");
+    for seed in 0..30 {
+        // It sways by a degree and more.
+        let sway = (seed as f64 * 0.7).sin();
+        let stance =
+            Stance { height_m: 0.6 + 0.01 * sway, pitch_rad: 0.15 + 0.02 * sway, roll_rad: 0.02 * sway };
+        let box_m = 2.0 + 0.05 * seed as f64;
+        let patches = [
+            stance.floor(),
+            stance.board(box_m, (-1.2, -0.2), 0.6),
+            stance.board(box_m + 1.0, (0.3, 1.0), 0.3),
+        ];
+        let map = see(&patches, &geometry, seed);
+        let followed = estimator.estimate(&map, &geometry).expect("sizes").expect("a floor");
+        let afresh = find_ground(&map, &geometry, &GroundParams::default()).expect("parameters");
+        let afresh = afresh.expect("a floor");
+        assert!((followed.camera_height_m - afresh.camera_height_m).abs() < 0.006, "frame {seed}");
+        assert!((followed.pitch_rad - afresh.pitch_rad).abs() < 0.004, "frame {seed}");
+        assert!((followed.pitch_rad - stance.pitch_rad).abs() < 0.006, "frame {seed}");
+    }
+}
+
+#[test]
+fn images_of_any_size_are_looked_at() {
+    for (width, height) in [(1, 1), (2, 9), (5, 4), (63, 65), (65, 63), (700, 3)] {
+        let geometry = RectifiedGeometry::new(width, height, 300.0, 2.0, 1.0, 0.0, 0.12).expect("a rig");
+        let mut map = DisparityMap::new(width, height);
+        for y in 0..height {
+            map.values.row_mut(y).fill(16 * (y as u16 + 1));
+            map.validity.row_mut(y).fill(0);
+        }
+        let mut estimator = GroundEstimator::new(GroundParams::default()).expect("parameters");
+        for _ in 0..3 {
+            let ground = estimator.estimate(&map, &geometry).expect("sizes");
+            assert!(ground.is_err() || width * height > 1000, "{width}x{height}: {ground:?}");
+        }
+    }
+}
+
+#[test]
 fn a_mounting_rules_out_other_planes() {
     let stance = Stance { height_m: 0.6, pitch_rad: 0.1, roll_rad: 0.0 };
     let geometry = geometry();

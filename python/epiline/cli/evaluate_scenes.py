@@ -65,17 +65,13 @@ def _drives(root: Path) -> list[Path]:
 def _grounds(
     drives: Sequence[Path], presets: tuple[str, ...], threads: int | None, advance: Callable[[], object]
 ) -> list[Row]:
-    from epiline.evaluation.obstacles.ground import GroundRun, car_grounds
+    from epiline.evaluation.obstacles.ground import car_run
 
-    rows: list[Row] = []
-    for drive in drives:
-        for preset in presets:
-            grounds = []
-            for ground in car_grounds(drive, preset, threads):
-                grounds.append(ground)
-                advance()
-            rows.append((preset, drive.name, GroundRun.of(grounds).steadiness()))
-    return rows
+    return [
+        (preset, drive.name, car_run(drive, preset, threads, advance).steadiness())
+        for drive in drives
+        for preset in presets
+    ]
 
 
 def _columns(

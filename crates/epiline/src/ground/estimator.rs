@@ -1,40 +1,36 @@
 //! The ground of one frame after the other.
 
-use nalgebra::{Matrix3, Vector3};
-
+use super::bend::BendFinder;
 use super::elevation::ProfileFinder;
+use super::evidence::{MIN_ON, require_ground};
 use super::plane::GroundPlane;
 use super::plane_fit::{DisparityPlane, FittedPlane, refit};
-use super::samples::{Sample, Samples};
-use super::search::{Held, Search, held, tolerance_px};
+use super::samples::Samples;
+use super::search::{Held, SCORED_STEP, search, tolerance_px};
+use super::sums::{Bend, Round};
+use super::uncertainty::{bias, floor, in_disparity, sigmas_of_pose, walk};
 use super::{Ground, GroundParams, NoGround};
 use crate::error::Result;
 use crate::matching::DisparityMap;
 use crate::range::check_size;
 use crate::rectification::RectifiedGeometry;
 
-/// Samples that must lie on a plane.
-const MIN_ON: usize = 120;
-/// … and as a share of those seen where the plane is.
-const MIN_ON_SHARE: f64 = 0.12;
-/// Of these, the share along which disparity changes as on the plane: a wall crosses it.
-const MIN_ALONG_SHARE: f64 = 0.35;
-/// Samples below a plane, as a share of those on it, that make it something else than the ground.
-const MAX_BELOW_SHARE: f64 = 0.25;
-/// Disparity that the samples on a plane must span, px: a wall spans next to none.
-const MIN_SPAN_PX: f64 = 2.5;
-/// Columns and rows that they must span, as shares of the image's width and height: the lower edge of the image cuts
-/// off a wall in a line of a plausible plane.
-const MIN_ACROSS: f64 = 0.2;
-const MIN_DOWN: f64 = 0.12;
+/// Planes that are drawn where none is known, where the one that was followed has got lost, and beside one that is
+/// followed: in time a better one is met.
+const DRAWS: usize = 120;
+const DRAWS_WHEN_LOST: usize = 60;
+const DRAWS_WHEN_FOLLOWED: usize = 6;
+/// A plane that is followed has got lost when the samples on it are less than this share of what they used to be.
+const KEPT: f64 = 0.8;
+/// What they used to be is a mean over about so many frames.
+const MEMORY: f64 = 8.0;
+/// How a plane is fitted again: one that has just been drawn, one that lies as it did, and one that may have moved.
+const FIT: [Round; 3] = [Round { width: 4.0, step: 2 }, FINE, FINE];
+const FIT_STILL: [Round; 2] = [Round { width: 4.0, step: 2 }, FINE];
+const FIT_MOVED: [Round; 5] =
+    [Round { width: 16.0, step: 4 }, Round { width: 8.0, step: 4 }, FINE, FINE, FINE];
+const FINE: Round = Round { width: 4.0, step: 1 };
 
-/// How much the pose changes from frame to frame, one standard deviation: a vehicle nods more than it heaves.
-const HEIGHT_WALK: f64 = 0.01;
-const PITCH_WALK_RAD: f64 = 0.01;
-const ROLL_WALK_RAD: f64 = 0.007;
-/// What a fit cannot know of the pose, one standard deviation: lenses, alignment, and that no floor is quite plane.
-const HEIGHT_FLOOR: f64 = 0.003;
-const ANGLE_FLOOR_RAD: f64 = 0.0005;
 /// Squared Mahalanobis distance beyond which a frame's plane is not the one followed: 1 in 10 000 by chance.
 const GATE: f64 = 21.1;
 /// … unless so many times as many samples lie on it: the camera has been moved.
@@ -52,9 +48,12 @@ const MAX_MISSED: u32 = 5;
 pub struct GroundEstimator {
     params: GroundParams,
     samples: Samples,
-    search: Search,
     profile: ProfileFinder,
+    bends: BendFinder,
     state: Option<FittedPlane>,
+    /// How much of what could hold the plane that is followed does, as a rule.
+    usual_share: f64,
+    frames: u64,
     missed: u32,
     outside: u32,
 }
@@ -86,49 +85,58 @@ impl GroundEstimator {
 
     /// Forgets all frames.
     pub fn reset(&mut self) {
-        (self.state, self.missed, self.outside) = (None, 0, 0);
+        (self.state, self.usual_share) = (None, 0.0);
+        (self.frames, self.missed, self.outside) = (0, 0, 0);
     }
 
-    /// The plane of this frame alone.
+    /// The plane of this frame: the one followed as it lies now, unless it has got lost or a better one is met.
     fn measure(&mut self, geometry: &RectifiedGeometry) -> std::result::Result<FittedPlane, NoGround> {
-        let samples = &self.samples;
-        if samples.all.len() < MIN_ON {
+        if self.samples.count < MIN_ON {
             return Err(NoGround::TooFewPixels);
         }
-        let of_mounting = self.params.mounting.map(|m| DisparityPlane::of_pose(&m.pose(), geometry));
-        let known = self.state.map(|state| state.plane);
-        let both = [known, of_mounting];
-        let given = both.iter().flatten().count();
-        let known: [DisparityPlane; 2] = match both {
-            [Some(one), Some(other)] => [one, other],
-            [Some(one), None] | [None, Some(one)] => [one, one],
-            [None, None] => [DisparityPlane { by_u: 0.0, by_v: 0.0, at_center: 0.0 }; 2],
-        };
-        let start =
-            self.search.best(samples, &known[..given], geometry, &self.params).ok_or(NoGround::NoPlane)?;
         let sigma_px = self.params.disparity_sigma_px;
-        let fitted = refit(start, &samples.all, sigma_px).ok_or(NoGround::NoPlane)?;
-        let fitted = FittedPlane { covariance: fitted.covariance + floor(&fitted.plane, geometry), ..fitted };
+        let tolerance_px = tolerance_px(sigma_px);
+        let samples = &self.samples;
+        let hold = |plane: &DisparityPlane, step| Held::of(plane, Bend::NONE, samples, step, tolerance_px);
+        let lies_as_usual = |held: &Held| held.share() >= KEPT * self.usual_share;
+        let followed = self.state.and_then(|state| {
+            let is_still = lies_as_usual(&hold(&state.plane, SCORED_STEP));
+            let rounds = if is_still { &FIT_STILL[..] } else { &FIT_MOVED[..] };
+            let fitted = refit(state.plane, samples, rounds, sigma_px)?;
+            Some((fitted, hold(&fitted.plane, 1)))
+        });
+        let is_kept = followed.as_ref().is_some_and(|(_, held)| lies_as_usual(held));
+        let draws = match (is_kept, self.state) {
+            (true, _) => DRAWS_WHEN_FOLLOWED,
+            (false, Some(_)) => DRAWS_WHEN_LOST,
+            (false, None) => DRAWS,
+        };
+        let of_mounting = self.params.mounting.map(|m| DisparityPlane::of_pose(&m.pose(), geometry));
+        let before =
+            [followed.map(|(fitted, _)| fitted.plane), self.state.map(|state| state.plane), of_mounting];
+        let known = before.into_iter().flatten();
+        self.frames += 1;
+        let best =
+            search(samples, known, draws, self.frames, geometry, &self.params).ok_or(NoGround::NoPlane)?;
+        let (single, held) = match followed {
+            Some(followed) if best == followed.0.plane => followed,
+            _ => {
+                let fitted = refit(best, samples, &FIT, sigma_px).ok_or(NoGround::NoPlane)?;
+                (fitted, hold(&fitted.plane, 1))
+            }
+        };
+        let slope_px = geometry.focal_px * geometry.baseline_m / single.plane.pose(geometry).height_m;
+        let bent = self.bends.refit(&single, samples, slope_px, sigma_px);
+        let (fitted, held_with_bend) = bent.map_or((single, held), |(fitted, bend)| {
+            (fitted, Held::of(&fitted.plane, bend, samples, 1, tolerance_px))
+        });
         if fitted.plane.by_v <= 0.0 || !self.params.is_plausible(&fitted.plane.pose(geometry)) {
             return Err(NoGround::NoPlane);
         }
-        let tolerance_px = tolerance_px(sigma_px);
-        let held = held(&fitted.plane, &samples.all, tolerance_px);
-        let along = samples.count_along(|sample| {
-            let plane_px = fitted.plane.at(sample);
-            let is_on = plane_px > 1.0 && (f64::from(sample.seen_px) - plane_px).abs() < tolerance_px;
-            is_on.then_some(plane_px as f32)
-        });
-        if held.count < MIN_ON
-            || (along as f64) < MIN_ALONG_SHARE * held.count as f64
-            || (held.count as f64) < MIN_ON_SHARE * held.looked_at as f64
-            || !spans_enough(&fitted.plane, &samples.all, tolerance_px, geometry)
-        {
-            return Err(NoGround::NoPlane);
-        }
-        if held.below as f64 > MAX_BELOW_SHARE * held.count as f64 {
-            return Err(NoGround::SomethingBelow);
-        }
+        require_ground(&fitted.plane, &held_with_bend, samples, tolerance_px, geometry)?;
+        let fitted = FittedPlane { covariance: fitted.covariance + floor(&fitted.plane, geometry), ..fitted };
+        let change = held.share() - self.usual_share;
+        self.usual_share += if is_kept { change / MEMORY } else { change };
         Ok(fitted)
     }
 
@@ -181,7 +189,8 @@ impl GroundEstimator {
     /// Whether the samples of this frame speak for one plane rather than another.
     fn is_clearer(&self, one: &FittedPlane, other: &FittedPlane) -> bool {
         let tolerance_px = tolerance_px(self.params.disparity_sigma_px);
-        let [one, other] = [one, other].map(|fitted| held(&fitted.plane, &self.samples.all, tolerance_px));
+        let [one, other] =
+            [one, other].map(|fitted| Held::of(&fitted.plane, Bend::NONE, &self.samples, 1, tolerance_px));
         one.on > CLEARER * other.on
     }
 
@@ -191,56 +200,24 @@ impl GroundEstimator {
         let plane = DisparityPlane::of_pose(&mounting.pose(), geometry);
         let sigmas = [mounting.camera_height_sigma_m, mounting.pitch_sigma_rad, mounting.roll_sigma_rad];
         let covariance = in_disparity(&plane, geometry, sigmas);
-        update(&FittedPlane { plane, covariance }, &measured).unwrap_or(measured)
+        let biased = measured.covariance + bias(&measured.plane, geometry);
+        update(&FittedPlane { plane, covariance }, &FittedPlane { covariance: biased, ..measured })
+            .unwrap_or(measured)
     }
 
     fn describe(&mut self, fitted: &FittedPlane, geometry: &RectifiedGeometry) -> GroundPlane {
         let pose = fitted.plane.pose(geometry);
         let mut ground = GroundPlane::new(geometry, pose.height_m, pose.pitch_rad, pose.roll_rad);
         let sigma_px = self.params.disparity_sigma_px;
-        let samples = &self.samples.all;
-        ground.profile = self.profile.find(&ground, |sample| fitted.plane.at(sample), samples, sigma_px);
-        let Held { count, .. } = held(&fitted.plane, samples, tolerance_px(sigma_px));
-        ground.support_share = count as f64 / samples.len().max(1) as f64;
-        let jacobian = jacobian(&fitted.plane, geometry);
-        if let Some(inverse) = jacobian.try_inverse() {
-            let covariance = inverse * fitted.covariance * inverse.transpose();
-            let sigma = |i: usize| covariance[(i, i)].max(0.0).sqrt();
-            ground.camera_height_sigma_m = sigma(0);
-            ground.pitch_sigma_rad = sigma(1);
-            ground.roll_sigma_rad = sigma(2);
+        ground.profile = self.profile.find(&ground, &fitted.plane, &self.samples, sigma_px);
+        let held = Held::of(&fitted.plane, Bend::NONE, &self.samples, 1, tolerance_px(sigma_px));
+        ground.support_share = held.count / self.samples.count.max(1) as f64;
+        let covariance = fitted.covariance + bias(&fitted.plane, geometry);
+        if let Some(sigmas) = sigmas_of_pose(&FittedPlane { covariance, ..*fitted }, geometry) {
+            [ground.camera_height_sigma_m, ground.pitch_sigma_rad, ground.roll_sigma_rad] = sigmas;
         }
         ground
     }
-}
-
-/// Whether the samples on a plane span enough columns, rows and disparity.
-fn spans_enough(
-    plane: &DisparityPlane,
-    samples: &[Sample],
-    tolerance_px: f64,
-    geometry: &RectifiedGeometry,
-) -> bool {
-    let (mut count, mut sums, mut squares) = (0.0, [0.0; 3], [0.0; 3]);
-    for sample in samples {
-        let plane_px = plane.at(sample);
-        if plane_px > 1.0 && (f64::from(sample.seen_px) - plane_px).abs() < tolerance_px {
-            count += 1.0;
-            for (i, value) in [f64::from(sample.u), f64::from(sample.v), plane_px].into_iter().enumerate() {
-                sums[i] += value;
-                squares[i] += value * value;
-            }
-        }
-    }
-    // What is spread evenly has a deviation of its span over √12.
-    let span = |i: usize| {
-        let mean: f64 = sums[i] / count;
-        (12.0 * (squares[i] / count - mean * mean).max(0.0)).sqrt()
-    };
-    count > 0.0
-        && span(0) >= MIN_ACROSS * geometry.width as f64
-        && span(1) >= MIN_DOWN * geometry.height as f64
-        && span(2) >= MIN_SPAN_PX
 }
 
 /// The filter's step; `None` outside the gate.
@@ -256,35 +233,4 @@ fn update(predicted: &FittedPlane, measured: &FittedPlane) -> Option<FittedPlane
         plane: DisparityPlane::from_vector(predicted.plane.vector() + gain * residual),
         covariance: 0.5 * (covariance + covariance.transpose()),
     })
-}
-
-/// What height, pitch and roll do to the plane's three numbers, column by column.
-fn jacobian(plane: &DisparityPlane, geometry: &RectifiedGeometry) -> Matrix3<f64> {
-    let pose = plane.pose(geometry);
-    let per_m = geometry.baseline_m / pose.height_m;
-    let (sin_pitch, cos_pitch) = pose.pitch_rad.sin_cos();
-    let (sin_roll, cos_roll) = pose.roll_rad.sin_cos();
-    let focal_px = geometry.focal_px;
-    Matrix3::from_columns(&[
-        -plane.vector() / pose.height_m,
-        per_m * Vector3::new(-sin_pitch * sin_roll, -sin_pitch * cos_roll, cos_pitch * focal_px),
-        per_m * Vector3::new(cos_pitch * cos_roll, -cos_pitch * sin_roll, 0.0),
-    ])
-}
-
-/// Covariance of a plane's three numbers from deviations of height (m), pitch and roll (radians).
-fn in_disparity(plane: &DisparityPlane, geometry: &RectifiedGeometry, sigmas: [f64; 3]) -> Matrix3<f64> {
-    let jacobian = jacobian(plane, geometry);
-    let variances = Vector3::from(sigmas.map(|sigma| sigma * sigma));
-    jacobian * Matrix3::from_diagonal(&variances) * jacobian.transpose()
-}
-
-fn walk(plane: &DisparityPlane, geometry: &RectifiedGeometry) -> Matrix3<f64> {
-    let height_m = plane.pose(geometry).height_m;
-    in_disparity(plane, geometry, [HEIGHT_WALK * height_m, PITCH_WALK_RAD, ROLL_WALK_RAD])
-}
-
-fn floor(plane: &DisparityPlane, geometry: &RectifiedGeometry) -> Matrix3<f64> {
-    let height_m = plane.pose(geometry).height_m;
-    in_disparity(plane, geometry, [HEIGHT_FLOOR * height_m, ANGLE_FLOOR_RAD, ANGLE_FLOOR_RAD])
 }

@@ -5,13 +5,17 @@
 //! ([`GroundEstimator`]) and followed over the frames. Ramps and bends ahead are a [`Profile`] of elevations over it.
 //! Without such a plane there is no ground, and [`NoGround`] says why: a wall is never one.
 
+mod bend;
 mod elevation;
 mod estimator;
+mod evidence;
 mod plane;
 mod plane_fit;
 mod profile;
 mod samples;
 mod search;
+mod sums;
+mod uncertainty;
 
 use crate::error::{Error, Result};
 use crate::matching::DisparityMap;

@@ -2,14 +2,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::samples::Sample;
+use super::samples::Samples;
+use super::sums::{Bend, Round, Sums};
 use crate::rectification::RectifiedGeometry;
 use crate::regions::CameraOverGround;
-
-/// Samples of one plane share errors: so many count as one.
-const ALIKE: f64 = 4.0;
-/// Rounds of reweighting.
-const ROUNDS: usize = 5;
 
 /// `p(u, v) = by_u·u + by_v·v + at_center`: disparity counted from infinity at a column and row counted from the
 /// principal point, px.
@@ -21,10 +17,6 @@ pub(super) struct DisparityPlane {
 }
 
 impl DisparityPlane {
-    pub fn at(&self, sample: &Sample) -> f64 {
-        self.by_u * f64::from(sample.u) + self.by_v * f64::from(sample.v) + self.at_center
-    }
-
     /// The pose that sees this plane; of no meaning unless `by_v` is positive.
     pub fn pose(&self, geometry: &RectifiedGeometry) -> CameraOverGround {
         // (by_u, by_v, at_center / f) is the unit vector down times baseline / height.
@@ -66,35 +58,20 @@ pub(super) struct FittedPlane {
 }
 
 /// Robust least squares with Tukey's weights from a plane that is nearly right; `None` if the samples near it do not
-/// determine one.
-///
-/// `sigma_px` is the deviation of a disparity; what is four of them off has no weight.
-pub(super) fn refit(start: DisparityPlane, samples: &[Sample], sigma_px: f64) -> Option<FittedPlane> {
-    let tolerance_px = (4.0 * sigma_px).max(0.5);
-    let mut plane = start;
-    let mut covariance = Matrix3::zeros();
-    for _ in 0..ROUNDS {
-        let mut normal = Matrix3::zeros();
-        let mut squared = Matrix3::zeros();
-        let mut right_side = Vector3::zeros();
-        for sample in samples {
-            let share = (f64::from(sample.seen_px) - plane.at(sample)) / tolerance_px;
-            let inside = 1.0 - share * share;
-            if inside <= 0.0 {
-                continue;
-            }
-            // The nearer, the more it counts: what the camera stands on is near, a ramp may begin ahead.
-            let weight = inside * inside * f64::from(sample.seen_px);
-            let row = Vector3::new(f64::from(sample.u), f64::from(sample.v), 1.0);
-            let weighted = weight * row;
-            normal += weighted * row.transpose();
-            squared += weighted * weighted.transpose();
-            right_side += weighted * f64::from(sample.seen_px);
-        }
-        let factor = normal.cholesky()?;
-        plane = DisparityPlane::from_vector(factor.solve(&right_side));
-        let inverse = factor.inverse();
-        covariance = inverse * squared * inverse * (ALIKE * sigma_px * sigma_px);
+/// determine one. `sigma_px` is the deviation of a disparity.
+pub(super) fn refit(
+    start: DisparityPlane,
+    samples: &Samples,
+    rounds: &[Round],
+    sigma_px: f64,
+) -> Option<FittedPlane> {
+    let mut fitted = FittedPlane { plane: start, covariance: Matrix3::zeros() };
+    for round in rounds {
+        let plane = fitted.plane;
+        let sums = Sums::over(&plane, Bend::NONE, samples, round.step, round.width_px(sigma_px), |_, _| {});
+        let inverse = sums.weights.cholesky()?.inverse();
+        fitted.plane = DisparityPlane::from_vector(plane.vector() + inverse * sums.off);
+        fitted.covariance = sums.covariance(&inverse, sigma_px);
     }
-    Some(FittedPlane { plane, covariance })
+    Some(fitted)
 }

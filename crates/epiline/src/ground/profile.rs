@@ -57,9 +57,19 @@ impl Profile {
         self.first_depth_m * RATIO.powi(knot as i32)
     }
 
+    /// Nearer than this, half a knot before the first, nothing belongs to a knot.
+    pub(super) fn nearest_m(&self) -> f64 {
+        self.first_depth_m * RATIO.powf(-0.5)
+    }
+
     /// Where a positive depth lies among the knots; between them in terms of its logarithm.
-    pub(super) fn place(&self, depth_m: f64) -> f64 {
-        (depth_m / self.first_depth_m).log2() * (1.0 / RATIO.log2())
+    fn place(&self, depth_m: f64) -> f64 {
+        Self::places_between(self.first_depth_m, depth_m)
+    }
+
+    /// How many knots lie between two positive depths.
+    pub(super) fn places_between(near_m: f64, far_m: f64) -> f64 {
+        (far_m / near_m).log2() * (1.0 / RATIO.log2())
     }
 
     pub(super) fn set(&mut self, elevation_m: [f64; KNOTS]) {

@@ -13,16 +13,14 @@
 
 use super::GroundParams;
 use super::plane_fit::DisparityPlane;
-use super::samples::{Sample, Samples};
+use super::samples::{COLUMNS, NOTHING, Sample, Samples};
+use super::sums::{Bend, total};
 use crate::rectification::RectifiedGeometry;
 
-/// Plausible planes that are scored; fewer where one is known from the frames before.
-const HYPOTHESES: usize = 120;
-const HYPOTHESES_BESIDE_KNOWN: usize = 40;
-/// Draws for them, at most.
-const DRAWS: usize = 6000;
-/// Samples a plane is scored on, at most.
-const SCORED: usize = 900;
+/// Draws for plausible planes, at most.
+const MAX_DRAWS: usize = 6000;
+/// A plane is scored on every so many rows of the grid.
+pub(super) const SCORED_STEP: usize = 3;
 /// Smallest distance of two samples of a column, as a share of the image's height.
 const APART_DOWN: f32 = 0.06;
 /// Smallest distance of the third sample from them, as a share of the image's width.
@@ -34,72 +32,91 @@ pub(super) struct Held {
     /// Samples on it, each weighted by how near it is to the plane, and by its disparity: what the camera stands on is
     /// near, a ramp ahead may be larger.
     pub on: f64,
-    /// Samples on it, counted.
-    pub count: usize,
-    /// Samples below it, with the same weight, and counted.
+    /// What that would be if all samples where the plane is seen lay on it.
+    pub possible: f64,
+    /// Samples below it, weighted by disparity.
     pub under: f64,
-    pub below: usize,
-    /// Samples where the plane is seen, on it or not.
-    pub looked_at: usize,
+    /// How many samples lie on it, and where it is seen, on it or not.
+    pub count: f64,
+    pub looked_at: f64,
 }
 
 impl Held {
-    fn score(&self) -> f64 {
-        self.on - self.under
-    }
-}
-
-/// Draws planes and scores them; keeps its memory.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Search {
-    scored: Vec<Sample>,
-}
-
-impl Search {
-    /// The best of the planes drawn from the samples and of `known` ones; `None` if none is plausible.
-    pub fn best(
-        &mut self,
-        samples: &Samples,
-        known: &[DisparityPlane],
-        geometry: &RectifiedGeometry,
-        params: &GroundParams,
-    ) -> Option<DisparityPlane> {
-        let step = samples.all.len().div_ceil(SCORED).max(1);
-        self.scored.clear();
-        self.scored.extend(samples.all.iter().step_by(step));
-        let tolerance_px = tolerance_px(params.disparity_sigma_px);
-
-        let mut best: Option<(f64, DisparityPlane)> = None;
-        let mut consider = |plane: DisparityPlane| {
-            let score = held(&plane, &self.scored, tolerance_px).score();
-            if best.is_none_or(|(highest, _)| score > highest) {
-                best = Some((score, plane));
-            }
-        };
-        known.iter().copied().for_each(&mut consider);
-        let mut random = Draw(0);
-        let mut plausible = 0;
-        let enough = if known.is_empty() { HYPOTHESES } else { HYPOTHESES_BESIDE_KNOWN };
-        for drawn in 0..DRAWS {
-            if plausible == enough {
-                break;
-            }
-            let three = if drawn % 2 == 0 {
-                of_column(&mut random, samples, geometry)
-            } else {
-                of_feet(&mut random, samples, geometry)
-            };
-            let plane = three.and_then(through).filter(|plane| {
-                // A plane that gets farther downward is a ceiling.
-                plane.by_v > 0.0 && params.is_plausible(&plane.pose(geometry))
-            });
-            if let Some(plane) = plane {
-                plausible += 1;
-                consider(plane);
+    /// How a plane with a bend and the samples of every `step`th row agree.
+    pub fn of(plane: &DisparityPlane, bend: Bend, samples: &Samples, step: usize, tolerance_px: f64) -> Self {
+        let by_u = plane.by_u as f32;
+        let (bend_px, per_bend) = (bend.by_px as f32, 1.0 / bend.at_px as f32);
+        let per_tolerance = 1.0 / tolerance_px as f32;
+        let [mut on, mut possible, mut under, mut count, mut looked_at] = [[0.0_f32; COLUMNS]; 5];
+        for (row, at_u0) in samples.rows_of(plane, step) {
+            for column in 0..COLUMNS {
+                let plane_px = at_u0 + by_u * samples.u[column];
+                let beyond_px = bend_px * (1.0 - plane_px * per_bend).max(0.0);
+                let share = (row.seen_px[column] - plane_px - beyond_px) * per_tolerance;
+                let inside = (1.0 - share * share).max(0.0);
+                // Near the horizon nothing can be told apart from what is far.
+                let is_seen = (plane_px > 1.0) & (row.seen_px[column] < NOTHING);
+                let is_below = share < -1.5;
+                on[column] += if is_seen { inside * plane_px } else { 0.0 };
+                possible[column] += if is_seen { plane_px } else { 0.0 };
+                under[column] += if is_below { plane_px } else { 0.0 };
+                count[column] += if is_seen & (inside > 0.0) { 1.0 } else { 0.0 };
+                looked_at[column] += if is_seen { 1.0 } else { 0.0 };
             }
         }
-        best.map(|(_, plane)| plane)
+        let [on, possible, under, count, looked_at] = [on, possible, under, count, looked_at].map(total);
+        Self { on, possible, under, count, looked_at }
     }
+
+    pub fn score(&self) -> f64 {
+        self.on - self.under
+    }
+
+    /// The share of what could hold the plane that does.
+    pub fn share(&self) -> f64 {
+        self.score() / self.possible.max(1.0)
+    }
+}
+
+/// The best of `known` planes and of `draws` plausible ones drawn from the samples; `None` if there is none. The same `seed` draws the same.
+pub(super) fn search(
+    samples: &Samples,
+    known: impl Iterator<Item = DisparityPlane>,
+    draws: usize,
+    seed: u64,
+    geometry: &RectifiedGeometry,
+    params: &GroundParams,
+) -> Option<DisparityPlane> {
+    let tolerance_px = tolerance_px(params.disparity_sigma_px);
+    let mut best: Option<(DisparityPlane, f64)> = None;
+    let mut consider = |plane: DisparityPlane| {
+        let score = Held::of(&plane, Bend::NONE, samples, SCORED_STEP, tolerance_px).score();
+        if best.is_none_or(|(_, highest)| score > highest) {
+            best = Some((plane, score));
+        }
+    };
+    known.for_each(&mut consider);
+    let mut random = Draw(seed);
+    let mut plausible = 0;
+    for drawn in 0..MAX_DRAWS {
+        if plausible == draws {
+            break;
+        }
+        let three = if drawn % 2 == 0 {
+            of_column(&mut random, samples, geometry)
+        } else {
+            of_feet(&mut random, samples, geometry)
+        };
+        let plane = three.and_then(through).filter(|plane| {
+            // A plane that gets farther downward is a ceiling.
+            plane.by_v > 0.0 && params.is_plausible(&plane.pose(geometry))
+        });
+        if let Some(plane) = plane {
+            plausible += 1;
+            consider(plane);
+        }
+    }
+    best.map(|(plane, _)| plane)
 }
 
 /// A plane within this of a disparity holds it.
@@ -107,39 +124,12 @@ pub(super) fn tolerance_px(sigma_px: f64) -> f64 {
     (3.0 * sigma_px).max(0.5)
 }
 
-/// How a plane and samples agree.
-pub(super) fn held(plane: &DisparityPlane, samples: &[Sample], tolerance_px: f64) -> Held {
-    let (by_u, by_v, at_center) = (plane.by_u as f32, plane.by_v as f32, plane.at_center as f32);
-    let per_tolerance = 1.0 / tolerance_px as f32;
-    let mut held = Held::default();
-    let (mut on, mut under) = (0.0, 0.0);
-    for sample in samples {
-        let plane_px = by_u * sample.u + by_v * sample.v + at_center;
-        let share = (sample.seen_px - plane_px) * per_tolerance;
-        let inside = (1.0 - share * share).max(0.0);
-        // Near the horizon nothing can be told apart from what is far.
-        let below_horizon = plane_px > 1.0;
-        if below_horizon {
-            on += inside * plane_px;
-        }
-        held.looked_at += usize::from(below_horizon);
-        held.count += usize::from(below_horizon && inside > 0.0);
-        let is_below = share < -1.5;
-        if is_below {
-            under += plane_px;
-        }
-        held.below += usize::from(is_below);
-    }
-    (held.on, held.under) = (f64::from(on), f64::from(under));
-    held
-}
-
 /// Two samples of one column, well apart, and a third beside them.
 fn of_column(random: &mut Draw, samples: &Samples, geometry: &RectifiedGeometry) -> Option<[Sample; 3]> {
-    let column = samples.column(random.below(samples.columns())?);
-    let one = column[random.below(column.len())?];
-    let other = column[random.below(column.len())?];
-    let third = samples.all[random.below(samples.all.len())?];
+    let column = random.below(samples.columns)?;
+    let aside = random.below(samples.columns)?;
+    let mut in_column = |column| samples.at_or_below(column, random.below(samples.rows.len())?);
+    let (one, other, third) = (in_column(column)?, in_column(column)?, in_column(aside)?);
     let apart = (one.v - other.v).abs() >= APART_DOWN * geometry.height as f32;
     let aside = (third.u - one.u).abs() >= APART_ACROSS * geometry.width as f32;
     (apart && aside).then_some([one, other, third])
@@ -147,7 +137,7 @@ fn of_column(random: &mut Draw, samples: &Samples, geometry: &RectifiedGeometry)
 
 /// The lowest samples of three columns, well apart.
 fn of_feet(random: &mut Draw, samples: &Samples, geometry: &RectifiedGeometry) -> Option<[Sample; 3]> {
-    let mut foot = || samples.column(random.below(samples.columns())?).last().copied();
+    let mut foot = || samples.lowest(random.below(samples.columns)?);
     let three = [foot()?, foot()?, foot()?];
     let us = three.map(|sample| sample.u);
     let aside = [us[0] - us[1], us[1] - us[2], us[2] - us[0]];

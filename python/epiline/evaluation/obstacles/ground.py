@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from epiline._core import GroundEstimator, GroundPlane, RectifiedGeometry, StereoMatcher
+from epiline._core import DisparityMap, GroundEstimator, GroundPlane, RectifiedGeometry, StereoMatcher, grey
 from epiline._images import read_image
+from epiline.evaluation.obstacles.own_motion import nod_rad
 
 Floats = NDArray[np.float64]
 
@@ -26,24 +27,31 @@ class GroundRun:
     Attributes
     ----------
     camera_height_m, pitch_rad, roll_rad : (N,) float64
+    turned_down_rad : (N,) float64, optional
+        How far the camera had turned down since the first frame, told without the ground.
     """
 
     camera_height_m: Floats
     pitch_rad: Floats
     roll_rad: Floats
+    turned_down_rad: Floats | None = None
 
     @classmethod
-    def of(cls, grounds: Sequence[GroundPlane | None]) -> GroundRun:
+    def of(cls, grounds: Sequence[GroundPlane | None], turned_down_rad: Floats | None = None) -> GroundRun:
         """From the grounds of a run's frames."""
         rows = [
             (float("nan"),) * 3 if ground is None else (ground.camera_height_m, ground.pitch_rad, ground.roll_rad)
             for ground in grounds
         ]
         height, pitch, roll = np.array(rows, float).reshape(-1, 3).T
-        return cls(height, pitch, roll)
+        return cls(height, pitch, roll, turned_down_rad)
 
     def steadiness(self) -> dict[str, float]:
-        """How far frames are from the run's median: height in percent of it, angles in degrees."""
+        """How far frames are from the run's median: height in percent of it, angles in degrees.
+
+        A vehicle nods, and a pitch that is right nods with it: `pitch_less_nod` is the pitch less the camera's own
+        turns and less the road's own slope, a cubic over the run. What is left is the ground's noise.
+        """
         found = np.isfinite(self.camera_height_m)
         figures = {"frames": float(found.size), "found": 100 * float(found.mean()) if found.size else float("nan")}
         if not found.any():
@@ -55,11 +63,21 @@ class GroundRun:
             "pitch_off": np.rad2deg(np.abs(self.pitch_rad[found] - np.median(self.pitch_rad[found]))),
             "roll_off": np.rad2deg(np.abs(self.roll_rad[found] - np.median(self.roll_rad[found]))),
         }
+        if self.turned_down_rad is not None:
+            off["pitch_less_nod_off"] = np.rad2deg(np.abs(self._pitch_less_nod(found)))
         for name, values in off.items():
             figures[f"{name}_median"] = float(np.median(values))
             figures[f"{name}_p90"] = float(np.percentile(values, 90))
             figures[f"{name}_worst"] = float(values.max())
         return figures
+
+    def _pitch_less_nod(self, found: NDArray[np.bool_]) -> Floats:
+        """Radians, of the frames where a ground was found, about its own median."""
+        assert self.turned_down_rad is not None
+        frames = np.linspace(-1.0, 1.0, found.size)[found]
+        left = (self.pitch_rad - self.turned_down_rad)[found]
+        left = left - np.polynomial.Polynomial.fit(frames, left, min(3, left.size - 1))(frames)
+        return np.asarray(left - np.median(left), float)
 
 
 def is_car_sequence(folder: Path) -> bool:
@@ -86,14 +104,27 @@ def car_geometry(folder: Path, size: tuple[int, int]) -> RectifiedGeometry:
     )
 
 
-def car_grounds(folder: Path, preset: str, threads: int | None) -> Iterator[GroundPlane | None]:
-    """The ground of each frame of a car's drive, followed from frame to frame."""
+def car_run(folder: Path, preset: str, threads: int | None, advance: Callable[[], object] = lambda: None) -> GroundRun:
+    """The ground of each frame of a car's drive, followed from frame to frame, and how the car nodded.
+
+    `advance` is called after each frame.
+    """
     matcher = StereoMatcher(preset=preset, num_disparities=CAR_DISPARITIES, threads=threads)  # type: ignore[arg-type]
     estimator = GroundEstimator()
+    grounds: list[GroundPlane | None] = []
+    nods_rad: list[float] = []
+    before: tuple[NDArray[np.uint8], DisparityMap] | None = None
     for left_path in sorted((folder / "left").glob("*.png")):
         left, right = read_image(left_path), read_image(folder / "right" / left_path.name)
         geometry = car_geometry(folder, (left.shape[1], left.shape[0]))
-        yield estimator(matcher(left, right), geometry)
+        disparity = matcher(left, right)
+        grounds.append(estimator(disparity, geometry))
+        left = np.asarray(grey(left), np.uint8)
+        nods_rad.append(0.0 if before is None else nod_rad(before[0], left, before[1], geometry))
+        before = left, disparity
+        advance()
+    # Where too little is seen to tell, the camera is taken to have kept its pitch.
+    return GroundRun.of(grounds, np.cumsum(np.nan_to_num(nods_rad)))
 
 
 @dataclass(frozen=True)
