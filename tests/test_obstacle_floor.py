@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -28,6 +29,8 @@ AT_BOX = slice(10, 15)
 
 @dataclass
 class Said:
+    """What a scan says; for `ep.Scan` has no constructor."""
+
     angle_rad: NDArray[np.float32]
     seen: NDArray[np.uint8]
     nearest_m: NDArray[np.float32]
@@ -61,13 +64,14 @@ def said() -> Said:
 
 def score(scan: Said, truth: FrameTruth | None = None) -> ScanScore:
     known, angle, distance = world()
-    return score_scan(scan, truth or known, angle, distance, Rules())
+    return score_scan(cast(ep.Scan, scan), truth or known, angle, distance, Rules())
 
 
 def test_a_perfect_scan() -> None:
     found = score(said())
     assert (found.directions, found.asked, found.free_claimed) == (40, 40, 40)
     assert (found.missed, found.false_near, found.free_wrong, found.unknown) == (0, 0, 0, 0)
+    assert (found.misled, found.ghosts) == (0, 0)
 
 
 def test_free_behind_an_obstacle_is_wrong_though_the_obstacle_is_unknown() -> None:
@@ -78,7 +82,7 @@ def test_free_behind_an_obstacle_is_wrong_though_the_obstacle_is_unknown() -> No
     quiet = said()
     quiet.nearest_m[AT_BOX], quiet.seen[AT_BOX], quiet.free_to_m[AT_BOX] = NAN, 0, 1.5
     found = score(quiet)
-    assert (found.free_wrong, found.unknown, found.missed) == (0, 5, 5)
+    assert (found.free_wrong, found.unknown, found.missed, found.misled) == (0, 5, 5, 0)
     # What the right camera cannot see is not asked for, but it is not free either.
     truth = world()[0]
     hidden = replace(truth, seen=truth.seen & (truth.standing != BOX))
@@ -102,6 +106,29 @@ def test_too_far_is_missed_and_too_near_is_false(off_m: float, missed: int, near
     assert (score(scan).missed, score(scan).false_near) == (missed, near)
 
 
+def test_a_missed_obstacle_that_is_not_unknown_misleads() -> None:
+    farther, nothing, reaching = said(), said(), said()
+    for scan in (nothing, reaching):
+        scan.nearest_m[AT_BOX], scan.free_to_m[AT_BOX] = NAN, 1.5
+    farther.nearest_m[AT_BOX], farther.free_to_m[AT_BOX] = WALL_M, 1.5
+    nothing.seen[AT_BOX] = 1
+    reaching.seen[AT_BOX], reaching.free_to_m[AT_BOX] = 0, 2.3
+    for scan in (farther, nothing, reaching):
+        assert (score(scan).missed, score(scan).misled) == (5, 5)
+
+
+def test_what_is_reported_wider_than_it_is_is_no_ghost() -> None:
+    """The box reaches from direction 10 to 14."""
+    wider, elsewhere = said(), said()
+    wider.nearest_m[[6, 18]] = BOX_M
+    elsewhere.nearest_m[[5, 19]] = BOX_M
+    assert (score(wider).false_near, score(wider).ghosts) == (2, 0)
+    assert (score(elsewhere).false_near, score(elsewhere).ghosts) == (2, 2)
+    nearer = said()
+    nearer.nearest_m[12] = BOX_M / 2
+    assert (score(nearer).false_near, score(nearer).ghosts) == (1, 1)
+
+
 def test_what_is_driven_over_or_passed_under_is_not_asked_for() -> None:
     truth, scan = world()[0], said()
     scan.nearest_m[AT_BOX] = WALL_M
@@ -112,10 +139,37 @@ def test_what_is_driven_over_or_passed_under_is_not_asked_for() -> None:
 
 
 def test_figures_of_scans() -> None:
-    figures = scan_figures([ScanScore(10, 8, 2, 1, 5, 1, 0), ScanScore(10, 0, 0, 3, 5, 0, 2)])
+    figures = scan_figures(
+        [
+            ScanScore(
+                directions=10,
+                free_claimed=8,
+                free_wrong=2,
+                unknown=1,
+                asked=5,
+                missed=3,
+                misled=1,
+                false_near=0,
+                ghosts=0,
+            ),
+            ScanScore(
+                directions=10,
+                free_claimed=0,
+                free_wrong=0,
+                unknown=3,
+                asked=5,
+                missed=0,
+                misled=0,
+                false_near=2,
+                ghosts=1,
+            ),
+        ]
+    )
     assert figures["scan_free_wrong"] == 25
-    assert figures["scan_missed"] == 10
+    assert figures["scan_missed"] == 30
+    assert figures["scan_misled"] == 10
     assert figures["scan_false_near"] == 10
+    assert figures["scan_ghosts"] == 5
     assert figures["scan_unknown"] == 20
 
 

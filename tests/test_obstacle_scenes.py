@@ -50,11 +50,24 @@ def test_columns_too_near_right_missed_and_unanswered() -> None:
     far[[31, 33]] = 4.0
     none[[31, 33, 50]] = NAN
     assert score_columns(near, truth).false_near == pytest.approx(100 * 3 / 60)
+    assert score_columns(near, truth).nothing_there == score_columns(near, truth).false_near
     assert score_columns(near, truth).missed == 0
     assert score_columns(far, truth).missed == pytest.approx(100 * 2 / 60)
     assert score_columns(none, truth).missed == pytest.approx(100 * 3 / 60)
+    # Columns 0 to 3 of the wall leave the right image, and of those beside the board it hides 16.
+    assert score_columns(none, truth).unknown == pytest.approx(100 * 3 / 56)
+    assert score_columns(far, truth).unknown == 0
     assert score_columns(right + 2, truth).false_near == 0
     assert score_columns(right - 2, truth).missed == 0
+
+
+def test_what_shows_fewer_pixels_than_a_surface_needs_is_there_all_the_same() -> None:
+    """A rod of 5 px before a wall: a return from it is false near, but something is there."""
+    truth = np.full((20, 60), 4.0, np.float32)
+    truth[8:13, 20:40] = 20.0
+    score = score_columns(np.full(60, 20.0, np.float32), truth)
+    assert score.false_near == 100
+    assert score.nothing_there == pytest.approx(100 * 40 / 60)
 
 
 def test_what_the_right_camera_cannot_see_is_missed_by_one_figure_only() -> None:

@@ -255,6 +255,39 @@ def test_laser_scans_have_equal_angles_and_the_values_of_rep_117() -> None:
     assert (clearing[box][inner] <= true_m[box][inner] * 1.02).all()
 
 
+LEVEL = ep.RectifiedGeometry(width=200, height=100, focal_px=100, cx_px=99.5, cy_px=49.5, baseline_m=0.2)
+
+
+def read_px(disparity_px: Floats) -> Floats:
+    """The disparity of each column's nearest obstacle, without a ground."""
+    raw = np.round(16 * disparity_px).astype(np.uint16)
+    scan = ep.scan(ep.DisparityMap(raw, np.zeros(raw.shape, np.uint8)), LEVEL, max_range_m=1000)
+    return np.asarray(100 * 0.2 / (scan.nearest_m * np.cos(scan.angle_rad)), float)[::-1]
+
+
+def test_the_nearest_of_a_surface_that_recedes_is_its_near_edge() -> None:
+    """Of a surface that bends away, each half pixel of disparity holds a third more pixels than the one before."""
+    counts = [6, 8, 11, 14, 19, 25]
+    edges = 40 - 0.5 * np.arange(len(counts) + 1)
+    column = np.concatenate(
+        [np.linspace(near - 0.03, far + 0.03, n) for near, far, n in zip(edges, edges[1:], counts, strict=False)]
+    )
+    disparity = np.full((100, 200), 5.0)
+    disparity[: len(column)] = (column[:, None] - np.linspace(0, 1, 200)).clip(5)
+    nearest = disparity[0]
+    read = read_px(disparity)
+    assert (read <= nearest).all()
+    assert (read >= nearest - 1).all()
+
+
+def test_the_nearest_of_an_upright_surface_is_its_middle_not_the_near_end_of_its_scatter() -> None:
+    random = np.random.default_rng(4)
+    true_px = random.uniform(20, 40, 200)
+    read = read_px(true_px + random.normal(0, 0.3, (100, 200)))
+    assert abs((read - true_px).mean()) < 0.1
+    assert np.abs(read - true_px).max() < 0.4
+
+
 def test_without_a_ground_the_gap_in_a_column_says_how_far_it_is_free() -> None:
     flat = ep.RectifiedGeometry(width=64, height=100, focal_px=100, cx_px=31.5, cy_px=49.5, baseline_m=0.2)
     raw = np.full((100, 64), 16 * 5, np.uint16)

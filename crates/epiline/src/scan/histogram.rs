@@ -11,6 +11,9 @@ const COUNT_SHIFT: u32 = 17;
 const ONE_PIXEL: u32 = 1 << COUNT_SHIFT;
 /// Bins behind the first with enough pixels where more may still be the same surface: the scatter of its near side.
 const CLIMB: usize = 3;
+/// From bin to bin the scatter of an upright surface grows by more than this; what recedes, a wall seen askew, by less,
+/// and there the first bin is what is nearest.
+const SCATTER_GROWTH: (u32, u32) = (3, 2);
 /// Directions looked at together for whether any has an obstacle.
 const BLOCK: usize = 16;
 /// Bins at most: nothing is nearer than what a disparity of 4096 px says.
@@ -68,7 +71,8 @@ impl Histogram {
             let first = self.nearest[line] as usize;
             let pixels = |bin: usize| self.pixels(bin, line) + self.pixels(bin - 1, line);
             let mut bin = first;
-            while bin > 1 && first - bin < CLIMB && 4 * pixels(bin - 1) > 5 * pixels(bin) {
+            let (much, little) = SCATTER_GROWTH;
+            while bin > 1 && first - bin < CLIMB && little * pixels(bin - 1) > much * pixels(bin) {
                 bin -= 1;
             }
             self.nearest[line] = bin as u32;

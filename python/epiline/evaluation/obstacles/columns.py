@@ -28,17 +28,24 @@ class ColumnScore:
     Attributes
     ----------
     false_near : float
-        A return more than `OFF_PX` nearer than anything there.
+        A return more than `OFF_PX` nearer than the nearest surface.
+    nothing_there : float
+        The part of `false_near` where not one pixel of the truth is as near: the others are of things that show
+        fewer than `SUPPORT_PX` pixels in the column.
     missed : float
         A return that much farther than the nearest surface, or none.
     missed_seen : float
         The same, of the nearest surface that both cameras see.
+    unknown : float
+        The part of `missed_seen` without any return: it says nothing where the others say that it is farther.
     columns : int
     """
 
     false_near: float
+    nothing_there: float
     missed: float
     missed_seen: float
+    unknown: float
     columns: int
 
 
@@ -70,16 +77,22 @@ def nearest_supported_px(values: Disparity, support: int = SUPPORT_PX) -> Column
 
 def score_columns(returns: Columns, truth: Disparity) -> ColumnScore:
     """A return for each column against a truth (H, W), px, NaN where unknown."""
-    nearest = nearest_supported_px(truth)
+    nearest, any_nearest = nearest_supported_px(truth), nearest_supported_px(truth, 1)
     seen = np.where(seen_by_both(np.nan_to_num(truth, nan=-1.0), np.ones(truth.shape, bool)), truth, np.nan)
     nearest_seen = nearest_supported_px(seen)
     with np.errstate(invalid="ignore"):
         too_near = returns > nearest + OFF_PX
+        nothing_there = returns > any_nearest + OFF_PX
         missed = ~(returns >= nearest - OFF_PX)
         missed_seen = ~(returns >= nearest_seen - OFF_PX)
     known, known_seen = np.isfinite(nearest), np.isfinite(nearest_seen)
     return ColumnScore(
-        _percent(too_near[known]), _percent(missed[known]), _percent(missed_seen[known_seen]), int(known.sum())
+        false_near=_percent(too_near[known]),
+        nothing_there=_percent(nothing_there[known]),
+        missed=_percent(missed[known]),
+        missed_seen=_percent(missed_seen[known_seen]),
+        unknown=_percent(np.isnan(returns[known_seen])),
+        columns=int(known.sum()),
     )
 
 
