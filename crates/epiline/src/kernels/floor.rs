@@ -2,6 +2,8 @@
 
 use super::portable;
 
+const MOST_AHEAD: f32 = 1e6;
+
 /// A value that changes linearly along a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Linear {
@@ -34,7 +36,8 @@ impl Linear {
 /// seen = raw + doffs                                where bits are 0
 /// floor:     below <= seen < low·ground, where low·ground exceeds the ground by at least the noise
 /// goes on:   floor, and row >= next_row             -> last_row = row, next_row = row - hidden
-/// obstacle:  low·ground <= seen, ground + noise <= seen, least <= seen <= most -> ahead = seen·per_forward, rounded
+/// obstacle:  low·ground <= seen, ground + noise <= seen, least <= seen <= most -> ahead = seen·per_forward, rounded,
+///            where 0 < seen·per_forward <= largest_ahead
 /// ```
 #[derive(Debug)]
 pub struct FloorRow<'a> {
@@ -112,10 +115,20 @@ pub(super) fn floor_row(row: &mut FloorRow<'_>) {
             & (seen >= ground + row.noise_raw)
             & (seen >= row.least.at(place))
             & (seen <= row.most.at(place))
-            & (seen > 0.0)
+            & (ahead > 0.0)
             & (ahead <= row.largest_ahead);
-        aheads[i] = (if is_obstacle { ahead + 0.5 } else { -1.0 }) as i32;
+        aheads[i] = rounded_or_none(ahead, is_obstacle);
     }
+}
+
+/// A disparity ahead in whole sixteenths, at most a million of them, or -1.
+#[inline(always)]
+pub(crate) fn rounded_or_none(ahead: f32, is_obstacle: bool) -> i32 {
+    let value = if is_obstacle { ahead + 0.5 } else { -1.0 };
+    let value = if value < MOST_AHEAD { value } else { MOST_AHEAD };
+    let value = if value > -1.0 { value } else { -1.0 };
+    // SAFETY: between -1 and a million. `as` would ask each lane by itself whether it is out of range.
+    unsafe { value.to_int_unchecked() }
 }
 
 /// `f32::max` without its care for NaN, which costs instructions.

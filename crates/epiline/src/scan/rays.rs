@@ -14,6 +14,8 @@ const LEAST_UPRIGHT: f64 = 0.5;
 const MOST_LINES: f64 = 4.0;
 /// One pixel, where positions in a row are counted.
 const ONE: i64 = 1 << 32;
+/// Elements copied at once.
+const CHUNK: usize = 16;
 
 /// Vertical planes through the camera, as the lines of the image they are seen as, from left to right.
 ///
@@ -158,10 +160,26 @@ impl Rays {
             // As long as rounding takes neighbouring columns, they are copied at once.
             let run = if step == ONE { raws.len() } else { ((at & (ONE - 1)) / (ONE - step)) as usize + 1 };
             let run = run.min(line_bits.len() - begin).min(raws.len() - x);
-            line_raws[begin..begin + run].copy_from_slice(&raws[x..x + run]);
-            line_bits[begin..begin + run].copy_from_slice(&bits[x..x + run]);
+            copy_run(&raws[x..], &mut line_raws[begin..], run);
+            copy_run(&bits[x..], &mut line_bits[begin..], run);
             begin += run;
             at += run as i64 * step;
         }
+    }
+}
+
+/// Copies at least the first `run` elements, of which both have that many. Whole chunks take less time than a count of
+/// elements does, and those too many are written over by the run that follows.
+fn copy_run<T: Copy>(from: &[T], to: &mut [T], run: usize) {
+    let mut at = 0;
+    while at < run {
+        let (Some(chunk), Some(place)) =
+            (from[at..].first_chunk::<CHUNK>(), to[at..].first_chunk_mut::<CHUNK>())
+        else {
+            to[at..run].copy_from_slice(&from[at..run]);
+            return;
+        };
+        *place = *chunk;
+        at += CHUNK;
     }
 }

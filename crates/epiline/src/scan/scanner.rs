@@ -19,7 +19,7 @@ use super::view::{SCALE, View};
 use super::{RobotFromCamera, Scan, ScanParams, Seen, refill};
 use crate::error::Result;
 use crate::ground::GroundPlane;
-use crate::kernels::floor::FloorRow;
+use crate::kernels::floor::{FloorRow, rounded_or_none};
 use crate::kernels::{Kernels, Level};
 use crate::matching::DisparityMap;
 use crate::range::{check_size, depth_sigma_m};
@@ -177,7 +177,7 @@ impl Scanner {
             *gap = if is_measured { 0 } else { *gap + 1 };
             *longest = (*longest).max(*gap);
             let is_in_front = is_measured & (seen > 0.0) & (seen <= largest_ahead);
-            *ahead = (if is_in_front { seen + 0.5 } else { -1.0 }) as i32;
+            *ahead = rounded_or_none(seen, is_in_front);
         }
     }
 
