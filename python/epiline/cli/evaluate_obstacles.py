@@ -33,6 +33,7 @@ _RANGES = {
     "within_1": "1 sigma %",
     "within_2": "2 sigma %",
 }
+_TRACKS = {f"track_{name}": title for name, title in (_FOUND | _RANGES).items()} | {"track_switches": "id switches"}
 _FLOOR = {
     "ground_found": "ground found %",
     "height_bias": "height bias %",
@@ -115,6 +116,7 @@ def _score_courses(args: argparse.Namespace, entry: Entry) -> None:
     for title, columns in (
         (f"{entry.name}: obstacles up to 6 m on rendered courses", _FOUND),
         ("their ranges; the nearest ranges of regions", _RANGES),
+        ("confirmed tracks, scored as obstacles are", _TRACKS),
         ("the ground, and the scan over it", _FLOOR),
     ):
         print_table(title, ("", *columns.values()), [(name, *_figures(tally, columns)) for name, tally in rows])

@@ -21,11 +21,12 @@ Greys = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Photograph:
-    """A raw pair (H, W) uint8, and the pose (4, 4) of the left camera in the world."""
+    """A raw pair (H, W) uint8, the pose (4, 4) of the left camera in the world, and when it was there."""
 
     left: Greys
     right: Greys
     world_from_left: NDArray[np.float64]
+    stamp_nanos: int
 
 
 def photographs(course: Course, cache: Path | None = None) -> Iterator[Photograph]:
@@ -34,19 +35,21 @@ def photographs(course: Course, cache: Path | None = None) -> Iterator[Photograp
     Raises OSError where the folder cannot be written, ValueError where a file in it is broken.
     """
     duration_s, count = course.path.duration_s, course.frames
-    poses = [course.path.world_from_left(duration_s * i / max(count - 1, 1)) for i in range(count)]
+    moments_s = [duration_s * i / max(count - 1, 1) for i in range(count)]
+    poses = [course.path.world_from_left(moment_s) for moment_s in moments_s]
+    stamps = [round(1e9 * moment_s) for moment_s in moments_s]
     stored = None if cache is None else cache / f"{_digest(course)}.npz"
     if stored is not None and stored.is_file():
-        for (left, right), pose in zip(_load(stored), poses, strict=True):
-            yield Photograph(left, right, pose)
+        for (left, right), pose, stamp in zip(_load(stored), poses, stamps, strict=True):
+            yield Photograph(left, right, pose, stamp)
         return
     rig = course.rig()
     taken = []
-    for number, pose in enumerate(poses):
+    for number, (pose, stamp) in enumerate(zip(poses, stamps, strict=True)):
         left, right = (np.asarray(grey(image), np.uint8) for image in rig.photograph(pose, number=number))
         if stored is not None:
             taken.append((left, right))
-        yield Photograph(left, right, pose)
+        yield Photograph(left, right, pose, stamp)
     if stored is not None:
         stored.parent.mkdir(parents=True, exist_ok=True)
         draft = stored.with_suffix(f".{os.getpid()}.npz")

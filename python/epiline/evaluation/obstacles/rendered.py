@@ -20,6 +20,7 @@ from epiline._core import (
     default_disparities,
     scan,
 )
+from epiline.evaluation.obstacles.followed import Followed
 from epiline.evaluation.obstacles.ground import ground_sample
 from epiline.evaluation.obstacles.photographs import photographs
 from epiline.evaluation.obstacles.scans import HEADROOM_M, STEP_M, ScanScore, score_scan
@@ -79,16 +80,18 @@ def evaluate_course(
 ) -> Tally:
     """Drives through one course."""
     chosen = Rules() if rules is None else rules
-    tally = Tally()
+    tally, followed = Tally(), Followed(chosen)
     for frame in drive(course, entry, cache=cache):
         result, truth = frame.result, frame.truth
         reports = [Report.of(obstacle) for obstacle in result.obstacles]
         tally.frames.append(score_frame(reports, truth, chosen))
+        followed.add(result.tracks, truth)
         if course.matchable:
             _add_regions(tally, result, truth, chosen)
         tally.grounds.append(ground_sample(result.ground, frame.view.world_from_view))
         tally.scans.append(_score_scan(frame, chosen))
         advance()
+    tally.followed, tally.switches = followed.frames, followed.switches
     return tally
 
 
@@ -124,7 +127,8 @@ def drive(course: Course, entry: Entry, *, cache: Path | None = None) -> Iterato
             valid = aligned.left_valid, aligned.right_valid
         view = true_aligned(tracer, photograph.world_from_left, geometry)
         truth = frame_truth(view, geometry, valid=valid, num_disparities=disparities, ground=course.ground)
-        yield DrivenFrame(pipeline.process(photograph.left, photograph.right), truth, view)
+        result = pipeline.process(photograph.left, photograph.right, stamp_nanos=photograph.stamp_nanos)
+        yield DrivenFrame(result, truth, view)
 
 
 def _score_scan(frame: DrivenFrame, rules: Rules) -> ScanScore:

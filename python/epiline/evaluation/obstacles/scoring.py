@@ -21,7 +21,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from epiline._core import Obstacle
+from epiline._core import Obstacle, Track
 from epiline.evaluation.obstacles.truth import NOTHING, SUPPORT_PX, Asked, Floats, FrameTruth
 from epiline.sources.rendered import nearest_supported
 
@@ -78,6 +78,8 @@ class Report:
         Of the point it has that range at; positive to the right.
     columns : (first, last)
         Of the left aligned image.
+    track : int, optional
+        Id of the track it is.
     """
 
     range_m: float
@@ -85,6 +87,7 @@ class Report:
     depth_m: float
     bearing_rad: float
     columns: tuple[int, int]
+    track: int | None = None
 
     @classmethod
     def of(cls, obstacle: Obstacle) -> Report:
@@ -96,6 +99,19 @@ class Report:
             obstacle.depth_m,
             obstacle.bearing_rad,
             (x, x + width - 1),
+        )
+
+    @classmethod
+    def of_track(cls, track: Track) -> Report:
+        """What a track says: where it is now, in the columns it was last seen in."""
+        x, _, width, _ = track.box
+        return cls(
+            track.range_m,
+            track.sigma_m,
+            track.position_m[1],
+            track.bearing_rad,
+            (x, x + width - 1),
+            track.id,
         )
 
 
@@ -128,6 +144,8 @@ class FrameScore:
     verdicts : list
         Of each report within reach.
     found, missed : list of Asked
+    finders : list of list of Report
+        Of each found: the reports that find it, the one closest to its nearest point first.
     ranges : list of RangeSample
         Of each solid found: the report's range beside that of the solid where the report points.
     corridor_free : bool
@@ -139,6 +157,7 @@ class FrameScore:
     verdicts: list[Verdict] = field(default_factory=list)
     found: list[Asked] = field(default_factory=list)
     missed: list[Asked] = field(default_factory=list)
+    finders: list[list[Report]] = field(default_factory=list)
     ranges: list[RangeSample] = field(default_factory=list)
     corridor_free: bool = False
     intrusions: int = 0
@@ -150,20 +169,21 @@ def score_frame(reports: Iterable[Report], truth: FrameTruth, rules: Rules) -> F
     about = [_about(report, truth, rules) for report in ordered]
     within_reach = [report for report in ordered if report.range_m <= rules.reach_m]
     verdicts = [_verdict(i, ordered, about, truth, rules) for i in range(len(within_reach))]
-    found, missed, ranges = [], [], []
+    found, missed, finders, ranges = [], [], [], []
     asked = truth.asked(reach_m=rules.reach_m, min_pixels=rules.min_pixels, min_side_px=rules.min_side_px)
     for obstacle in asked:
-        finder = _finder(obstacle, ordered, truth, rules)
-        if finder is None:
+        finding = _finders(obstacle, ordered, truth, rules)
+        if not finding:
             missed.append(obstacle)
             continue
         found.append(obstacle)
-        if about[ordered.index(finder)] == obstacle.object_id:
-            ranges.append(_range_sample(obstacle, finder, truth))
+        finders.append(finding)
+        if about[ordered.index(finding[0])] == obstacle.object_id:
+            ranges.append(_range_sample(obstacle, finding[0], truth))
     wide = rules.corridor_half_width_m + rules.corridor_margin_m
     free = truth.is_clear(wide, rules.reach_m * (1 + rules.share))
     intruding = [r for r, v in zip(within_reach, verdicts, strict=True) if _intrudes(r, v, truth, rules)]
-    return FrameScore(verdicts, found, missed, ranges, free, len(intruding) if free else 0)
+    return FrameScore(verdicts, found, missed, finders, ranges, free, len(intruding) if free else 0)
 
 
 def _within(
@@ -218,8 +238,8 @@ def _shared(one: Report, other: Report) -> float:
     return max(common, 0) / max(narrower, 1)
 
 
-def _finder(obstacle: Asked, reports: Sequence[Report], truth: FrameTruth, rules: Rules) -> Report | None:
-    """The report that finds an obstacle: of those that do, the one closest to its nearest point."""
+def _finders(obstacle: Asked, reports: Sequence[Report], truth: FrameTruth, rules: Rules) -> list[Report]:
+    """The reports that find an obstacle, the one closest to its nearest point first."""
     candidates = []
     for report in reports:
         by_depth = abs(report.depth_m - obstacle.depth_m) / report.depth_m
@@ -230,7 +250,7 @@ def _finder(obstacle: Asked, reports: Sequence[Report], truth: FrameTruth, rules
         columns, near = _within(report, truth, rules)
         if int((truth.standing[:, columns][near] == obstacle.object_id).sum()) >= SUPPORT_PX:
             candidates.append((off, report))
-    return min(candidates, key=lambda candidate: candidate[0])[1] if candidates else None
+    return [report for _, report in sorted(candidates, key=lambda candidate: candidate[0])]
 
 
 def _range_sample(obstacle: Asked, report: Report, truth: FrameTruth) -> RangeSample:

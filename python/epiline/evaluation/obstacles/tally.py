@@ -18,9 +18,11 @@ GROSS_SHARE = 0.05
 
 @dataclass
 class Tally:
-    """Scores of some frames: obstacles, nearest ranges of regions, the ground, scans."""
+    """Scores of some frames: obstacles, confirmed tracks, nearest ranges of regions, the ground, scans."""
 
     frames: list[FrameScore] = field(default_factory=list)
+    followed: list[FrameScore] = field(default_factory=list)
+    switches: int = 0
     regions: list[RangeSample] = field(default_factory=list)
     regions_asked: int = 0
     grounds: list[GroundSample] = field(default_factory=list)
@@ -29,6 +31,8 @@ class Tally:
     def __add__(self, other: Tally) -> Tally:
         return Tally(
             self.frames + other.frames,
+            self.followed + other.followed,
+            self.switches + other.switches,
             self.regions + other.regions,
             self.regions_asked + other.regions_asked,
             self.grounds + other.grounds,
@@ -37,22 +41,10 @@ class Tally:
 
     def figures(self) -> dict[str, float]:
         """Every figure by name; shares in percent."""
-        verdicts = Counter(verdict for frame in self.frames for verdict in frame.verdicts)
-        reports = sum(verdicts.values())
-        found = sum(len(frame.found) for frame in self.frames)
-        asked = found + sum(len(frame.missed) for frame in self.frames)
         return {
-            "frames": len(self.frames),
-            "asked": asked,
-            "found": found,
-            "recall": _percent(found, asked),
-            "reports": reports,
-            "ghosts": verdicts["ghost"],
-            "doubles": verdicts["double"],
-            "precision": _percent(verdicts["real"], reports),
-            "free_frames": sum(frame.corridor_free for frame in self.frames),
-            "blocked_frames": sum(frame.intrusions > 0 for frame in self.frames),
-            **range_figures([sample for frame in self.frames for sample in frame.ranges]),
+            **report_figures(self.frames),
+            **{f"track_{name}": value for name, value in report_figures(self.followed).items()},
+            "track_switches": self.switches,
             "regions": self.regions_asked,
             **{f"region_{name}": value for name, value in range_figures(self.regions).items()},
             **ground_figures(self.grounds),
@@ -62,6 +54,27 @@ class Tally:
     def missed_names(self) -> Counter[str]:
         """How often each obstacle was missed."""
         return Counter(missed.name for frame in self.frames for missed in frame.missed)
+
+
+def report_figures(frames: Sequence[FrameScore]) -> dict[str, float]:
+    """What was found, what of it was there, and how well its ranges are known."""
+    verdicts = Counter(verdict for frame in frames for verdict in frame.verdicts)
+    reports = sum(verdicts.values())
+    found = sum(len(frame.found) for frame in frames)
+    asked = found + sum(len(frame.missed) for frame in frames)
+    return {
+        "frames": len(frames),
+        "asked": asked,
+        "found": found,
+        "recall": _percent(found, asked),
+        "reports": reports,
+        "ghosts": verdicts["ghost"],
+        "doubles": verdicts["double"],
+        "precision": _percent(verdicts["real"], reports),
+        "free_frames": sum(frame.corridor_free for frame in frames),
+        "blocked_frames": sum(frame.intrusions > 0 for frame in frames),
+        **range_figures([sample for frame in frames for sample in frame.ranges]),
+    }
 
 
 def range_figures(samples: Sequence[RangeSample]) -> dict[str, float]:
