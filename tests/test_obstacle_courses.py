@@ -105,6 +105,8 @@ def test_photographs_from_the_folder_are_those_rendered(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.left, two.left)
         np.testing.assert_array_equal(one.right, three.right)
         np.testing.assert_array_equal(one.world_from_left, three.world_from_left)
+        assert one.stamp_nanos == two.stamp_nanos == three.stamp_nanos
+    assert [photograph.stamp_nanos for photograph in fresh] == [0, round(1e9 * chosen.path.duration_s)]
     (file,) = tmp_path.iterdir()
     changed = dataclasses.replace(chosen, right_sensor=dataclasses.replace(chosen.right_sensor, gain=0.5))
     darker = next(iter(photographs(changed, tmp_path)))

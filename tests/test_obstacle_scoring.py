@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from epiline import Detection, Tracker
 from epiline.evaluation.obstacles import FrameScore, FrameTruth, RangeSample, Report, Rules, Tally, score_frame
+from epiline.evaluation.obstacles.followed import FIRST_FRAME, Followed
 from epiline.evaluation.obstacles.tally import range_figures
 from epiline.evaluation.obstacles.truth import NOTHING, seen_by_both
 
@@ -253,3 +255,46 @@ def test_who_sees_what() -> None:
     no_source[:, 40:60] = False
     expected[60:70] = False  # the board's right half, by its partners
     np.testing.assert_array_equal(seen_by_both(disparity, no_source), np.tile(expected, (4, 1)))
+
+
+def detection(of: Report) -> Detection:
+    """What a finder hands to a tracker for that report."""
+    first, last = of.columns
+    width_m = (last + 1 - first) * of.depth_m / FOCAL_PX
+    return Detection(
+        of.range_m,
+        of.bearing_rad,
+        of.sigma_m,
+        depth_m=of.depth_m,
+        width_m=width_m,
+        height_m=0.5,
+        support=200,
+        box=(first, 20, last + 1 - first, 30),
+    )
+
+
+def test_confirmed_tracks_are_scored_from_the_first_frame_they_can_be() -> None:
+    tracker, followed, truth = Tracker(), Followed(Rules()), frame()
+    for i in range(6):
+        followed.add(tracker.update([detection(report) for report in PERFECT], i * 100_000_000), truth)
+    assert len(followed.frames) == 6 - FIRST_FRAME
+    scored = Tally(followed=followed.frames, switches=followed.switches).figures()
+    assert (scored["track_recall"], scored["track_precision"], scored["track_switches"]) == (100, 100, 0)
+
+
+def test_a_ghost_of_one_frame_is_no_confirmed_track() -> None:
+    tracker, followed, truth = Tracker(), Followed(Rules()), frame()
+    for i in range(6):
+        said = [*PERFECT, report(1.0, 60, 80)] if i == 3 else PERFECT
+        followed.add(tracker.update([detection(report) for report in said], i * 100_000_000), truth)
+    assert all(score.verdicts == ["real", "real"] for score in followed.frames)
+
+
+def test_a_solid_that_is_followed_by_another_track_than_before_is_a_switch() -> None:
+    tracker, followed, truth = Tracker(), Followed(Rules()), frame()
+    for i in range(10):
+        if i == 5:
+            tracker.reset()
+        followed.add(tracker.update([detection(report) for report in PERFECT], i * 100_000_000), truth)
+    assert followed.switches == 2
+    assert [len(score.missed) for score in followed.frames] == [0, 0, 0, 2, 2, 0, 0, 0]

@@ -94,7 +94,7 @@ fn boxes_and_poles_are_found_and_nothing_else() {
                 let (left, end) = columns(board);
                 let x = 161.3 + 300.0 * obstacle.bearing_rad.tan();
                 assert!((left - 3.0..=end + 3.0).contains(&x), "{obstacle:?} {board:?}");
-                let limit_m = 4.0 * board.z / 300.0 + 0.45 * (board.right - board.left);
+                let limit_m = 4.0 * board.z / 300.0 + 0.15 * (board.right - board.left);
                 assert!(
                     (obstacle.width_m - (board.right - board.left)).abs() < limit_m,
                     "{obstacle:?} {board:?}"
@@ -111,18 +111,20 @@ fn boxes_and_poles_are_found_and_nothing_else() {
     let bias = errors.iter().sum::<f64>() / errors.len() as f64;
     eprintln!("precision {precision} recall {recall} of {boards} boards, bias {bias}");
     assert!(boards > 120);
-    // Without a ground a column that seems to lean is left out: a board may come in two pieces, one of which counts here.
-    assert!(precision >= 0.95 && recall >= 0.95, "precision {precision} recall {recall} of {boards} boards");
-    // Without a ground the floor at its foot, a little nearer, is taken for a part of a thing.
-    assert!(bias.abs() < 0.008, "depth is off by {bias} in the mean");
+    assert!(precision >= 0.97 && recall >= 0.95, "precision {precision} recall {recall} of {boards} boards");
+    assert!(bias.abs() < 0.005, "depth is off by {bias} in the mean");
 }
 
 #[test]
 fn a_floor_is_no_obstacle_however_far_below() {
-    let below = |floor_m| World { floor_m: Some(floor_m), ..World::default() };
-    assert_eq!(find(&below(0.5), ORDINARY, 1, &NEAR_ROOM), []);
-    // 2 m above the floor each pixel of disparity holds 16.7 rows, twice what a column must have: it leans all the same.
-    assert_eq!(find(&below(2.0), NO_FLAWS, 1, &NEAR_ROOM), []);
+    let below = |floor_m, wall| World { floor_m: Some(floor_m), wall, ..World::default() };
+    assert_eq!(find(&below(0.5, None), ORDINARY, 1, &NEAR_ROOM), []);
+    // 2 m above the floor each pixel of disparity holds 16.7 rows, twice what a column must have: they are others.
+    for seed in 0..10 {
+        for wall in [None, Some((10.0, 0.0))] {
+            assert_eq!(find(&below(2.0, wall), ORDINARY, seed, &NEAR_ROOM), [], "seed {seed}, wall {wall:?}");
+        }
+    }
 }
 
 #[test]
@@ -247,6 +249,32 @@ fn over_a_floor_boxes_poles_and_kerbs_are_found_and_nothing_else() {
     assert!(precision >= 0.97 && recall >= 0.95, "precision {precision} recall {recall} of {asked} boards");
     let bias = errors.iter().sum::<f64>() / errors.len() as f64;
     assert!(bias.abs() < 0.005, "depth is off by {bias} in the mean");
+}
+
+/// Where a floor has little texture, windows give a patch of it one disparity: half of it lies under the ground.
+#[test]
+fn a_patch_of_floor_at_one_disparity_is_no_kerb() {
+    let geometry = geometry();
+    let plane_px = |y: usize| (y as f64 - geometry.cy_px) * geometry.baseline_m / 0.5;
+    let find = |last_row: usize| {
+        let mut map = DisparityMap::new(WIDTH, HEIGHT);
+        for y in 0..HEIGHT {
+            for x in 0..WIDTH {
+                let here_px = if (150..=last_row).contains(&y) && (100..140).contains(&x) {
+                    plane_px(158)
+                } else {
+                    plane_px(y).max(0.0)
+                };
+                map.values.row_mut(y)[x] = (16.0 * here_px).round() as u16;
+                map.validity.row_mut(y)[x] = u8::from(here_px <= 0.0);
+            }
+        }
+        find_obstacles(&map, &geometry, Some(&floor()), &whole(), &NEAR_ROOM).expect("parameters")
+    };
+    assert_eq!(find(166), []);
+    let got = find(158);
+    let [kerb] = &got[..] else { panic!("a kerb, but {got:?}") };
+    assert!((kerb.depth_m - 36.0 / plane_px(158)).abs() < 0.02, "{kerb:?}");
 }
 
 #[test]

@@ -6,11 +6,13 @@ use crate::rectification::RectifiedGeometry;
 
 /// Bins to either side of the fullest one that belong to one upright surface: the scatter of its disparities.
 const SCATTER: usize = 2;
-/// Bins within which a fuller window may follow the first one with enough pixels: that may hold but the near tail of
-/// the scatter.
+/// Bins within which a fuller one may follow the first one with enough pixels: that may hold but the near tail of the
+/// scatter.
 const TAIL: usize = 3;
-/// Bins behind the nearest one in which an upright surface has no pixels any more.
-const LEANING_REACH: usize = 4;
+/// The leading bin has at least so many tenths of the pixels of the fullest of them.
+const LEADING_TENTHS: usize = 7;
+/// Where no ground is known, a level plane no farther than this over or under the camera is a ceiling or a floor, metres.
+const HIGHEST_M: f64 = 4.0;
 
 /// An upright surface as one column sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,7 +60,7 @@ impl ColumnReader {
     ) {
         self.find_stretches(cells, geometry, has_ground, params);
         peaks.clear();
-        peaks.extend(self.stretches.iter().filter_map(|stretch| peak_of(cells, stretch, has_ground)));
+        peaks.extend(self.stretches.iter().map(|stretch| peak_of(cells, stretch)));
     }
 
     fn find_stretches(
@@ -71,6 +73,7 @@ impl ColumnReader {
         self.stretches.clear();
         self.open.clear();
         self.open.resize(cells.width(), CLOSED);
+        let level_px = geometry.baseline_m / HIGHEST_M;
         for bin in (0..cells.bins()).rev() {
             let needed =
                 params.support_px(geometry, Cells::center_px(bin), has_ground).div_ceil(cells.row_step);
@@ -84,6 +87,9 @@ impl ColumnReader {
                 }
                 let beside = [nearer, farther].map(|row| row.map_or(0, |row| row[column].count()));
                 if count + beside[0].max(beside[1]) < needed {
+                    continue;
+                }
+                if !has_ground && cells.lean_px(column, around(bin)).abs() > level_px {
                     continue;
                 }
                 match self.open[column] {
@@ -101,42 +107,25 @@ impl ColumnReader {
     }
 }
 
-/// The nearest surface of a stretch: from near to far the first fullest window of 1.5 px. Where no ground is known,
-/// of what leans the fullest of all, and `None` if that is not much fuller: it may be a floor or a ceiling.
-fn peak_of(cells: &Cells, stretch: &Stretch, has_ground: bool) -> Option<Peak> {
+/// The bins in which a surface has its pixels whose disparities are mostly in one of them.
+fn around(bin: usize) -> std::ops::RangeInclusive<usize> {
+    bin.saturating_sub(SCATTER)..=bin + SCATTER
+}
+
+/// The nearest surface of a stretch.
+///
+/// Its leading bin is the nearest one with nearly as many pixels as any of the next: what is nearer is the tail of its
+/// scatter. Of the bins around that, those whose pixels lie in the same rows are its own: others are another surface
+/// above or below it, or the rest of one that leans.
+fn peak_of(cells: &Cells, stretch: &Stretch) -> Peak {
     let &Stretch { column, near, far } = stretch;
-    let window = |bin: usize| {
-        let below = if bin > 0 { cells.count_at(column, bin - 1) } else { 0 };
-        below + cells.count_at(column, bin) + cells.count_at(column, bin + 1)
-    };
-    let mut fullest = near;
-    for bin in (far..near).rev() {
-        if fullest - bin > TAIL {
-            break;
-        }
-        if window(bin) > window(fullest) {
-            fullest = bin;
-        }
-    }
-    // What leans back has as many pixels in every bin: its near end is what counts.
-    let behind = near.saturating_sub(LEANING_REACH);
-    let (at_near, at_behind) = (window(near.saturating_sub(1)), window(behind));
-    let leans = behind >= far && 2 * at_behind >= at_near;
-    if leans && !has_ground {
-        // What stands on a floor that is seen before it stands out from the floor.
-        fullest = (far..=near).rev().max_by_key(|&bin| window(bin))?;
-        if window(fullest) <= 2 * at_near.min(at_behind) {
-            return None;
-        }
-    }
-    let bins = if leans && has_ground {
-        near.saturating_sub(1)..=near + 1
-    } else {
-        fullest.saturating_sub(SCATTER)..=fullest + SCATTER
-    };
-    let seen = cells.seen(column, bins);
+    let next = || (near.saturating_sub(TAIL).max(far)..=near).rev();
+    let most = next().map(|bin| cells.count_at(column, bin)).max().unwrap_or(0);
+    let leading =
+        next().find(|&bin| 10 * cells.count_at(column, bin) >= LEADING_TENTHS * most).unwrap_or(near);
+    let seen = cells.seen_with(column, leading, around(leading));
     let all = cells.seen(column, far..=near);
-    Some(Peak {
+    Peak {
         column,
         disparity_px: seen.disparity_px,
         support: all.count * cells.row_step,
@@ -144,5 +133,5 @@ fn peak_of(cells: &Cells, stretch: &Stretch, has_ground: bool) -> Option<Peak> {
         bottom: all.bottom.max(seen.bottom),
         near,
         far,
-    })
+    }
 }

@@ -7,6 +7,7 @@
 //! outline  = per cluster, its nearest peak in each column, as a line with few corners
 //! parts    = outlines cut where they recede: a box beside a wall is not the wall, two faces of a box are one
 //! measure each part from its outline; keep what is large and high enough
+//! drop low ones that lie in the ground
 //! sort by range
 //! ```
 
@@ -17,7 +18,7 @@ use super::columns::{ColumnReader, Peak};
 use super::measure::Part;
 use super::paper::BrightClusters;
 use super::polyline::{Outliner, Point};
-use super::standing::Standing;
+use super::standing::{Standing, lies};
 use super::{Obstacle, ObstacleMethod, ObstacleParams};
 use crate::error::Result;
 use crate::ground::GroundPlane;
@@ -35,6 +36,8 @@ const SLIVER: usize = 9;
 const SLIVER_REACH: usize = 2;
 /// Of two peaks in a column of a cluster, the farther one counts if it has more than so many times the pixels.
 const OUTWEIGHED: usize = 8;
+/// A point farther than this from the points around it is moved to them, px.
+const STEADY_PX: f64 = 0.75;
 /// An outline has a corner where it leaves a straight line by more than this, px.
 const CORNER_PX: f64 = 0.45;
 /// It is cut at a corner that recedes by more than this, px, and more than this, metres.
@@ -147,7 +150,9 @@ impl ObstacleFinder {
                 let (peaks, points) = (&self.nearest[begin..end], &self.points[begin..end]);
                 let outliner = &mut self.outliner;
                 if let Some(found) = self.part.measure(peaks, points, outliner, geometry, ground, params) {
-                    out.extend(found.in_regions(regions, &mut self.spare_lists));
+                    if !ground.is_some_and(|ground| lies(&found, peaks, disparity, ground, params)) {
+                        out.extend(found.in_regions(regions, &mut self.spare_lists));
+                    }
                 }
             }
         }
@@ -247,6 +252,7 @@ impl ObstacleFinder {
             }
         }
         list_points(&self.nearest, &mut self.points);
+        self.outliner.steady(&mut self.points, STEADY_PX);
     }
 
     /// Where the outline is cut into parts: first and end of each.

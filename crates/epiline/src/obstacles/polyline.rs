@@ -22,6 +22,27 @@ pub(super) struct Outliner {
 }
 
 impl Outliner {
+    /// Takes points that are farther than `tolerance_px` from the median of the five around them, or of the five at an
+    /// end, for that median: a few pixels of something else decide about no range.
+    pub fn steady(&mut self, points: &mut [Point], tolerance_px: f64) {
+        let count = points.len().min(5);
+        self.smooth.clear();
+        for i in 0..points.len() {
+            let first = i.saturating_sub(2).min(points.len() - count);
+            let mut around = [f64::INFINITY; 5];
+            for (value, point) in around.iter_mut().zip(&points[first..first + count]) {
+                *value = point.disparity_px;
+            }
+            around[..count].sort_unstable_by(f64::total_cmp);
+            self.smooth.push(around[count / 2]);
+        }
+        for (point, &median_px) in points.iter_mut().zip(&self.smooth) {
+            if (point.disparity_px - median_px).abs() > tolerance_px {
+                point.disparity_px = median_px;
+            }
+        }
+    }
+
     /// Finds the corners of points in order of their columns, of which there is at least one: the points where the
     /// outline leaves the straight line between other corners by more than `tolerance_px` (Ramer 1972).
     pub fn find_corners(&mut self, points: &[Point], tolerance_px: f64) {
@@ -142,6 +163,21 @@ mod tests {
         assert!(at_bend(&outliner.corners), "{:?}", outliner.corners);
         outliner.fit(&valley, &mut fitted);
         assert!(outliner.recess_px(&valley, &fitted, 1) > 3.0);
+    }
+
+    /// A step between two surfaces stays; lone points beside it, at an end, or inside do not.
+    #[test]
+    fn lone_points_are_moved_to_their_neighbours() {
+        let step = points(|x| if x < 30.0 { 20.0 } else { 10.0 });
+        let mut outliner = Outliner::default();
+        let mut steadied = step.clone();
+        outliner.steady(&mut steadied, 0.75);
+        assert_eq!(steadied, step);
+        for at in [0, 1, 12, 28, 31, 59] {
+            steadied[at].disparity_px = 40.0;
+            outliner.steady(&mut steadied, 0.75);
+            assert_eq!(steadied, step, "{at}");
+        }
     }
 
     #[test]
