@@ -342,6 +342,55 @@ fn two_faces_of_a_box_are_one_and_a_box_beside_a_wall_is_not_the_wall() {
     assert!((box_.depth_m - 36.0 / 8.0).abs() < 0.03 && box_.bounds.x.abs_diff(150) <= 3, "{box_:?}");
 }
 
+/// A rail that leads from the camera up to a wall stands before it in every column, and hides it in none.
+#[test]
+fn what_stands_behind_something_that_leads_to_it_is_found_too() {
+    let geometry = geometry();
+    let rail_px = |x: usize| 24.0 - 0.08 * (x - 60) as f64;
+    let mut map = DisparityMap::new(WIDTH, HEIGHT);
+    for x in 60..260 {
+        for y in 60..180 {
+            let disparity_px = if y < 150 { 8.0 } else { rail_px(x) };
+            map.values.row_mut(y)[x] = (16.0 * disparity_px).round() as u16;
+            map.validity.row_mut(y)[x] = 0;
+        }
+    }
+    let got = find_obstacles(&map, &geometry, None, &whole(), &NEAR_ROOM).expect("parameters");
+    let at = |depth_m: f64| got.iter().find(|o| (o.depth_m / depth_m - 1.0).abs() < 0.02);
+    let wall = at(36.0 / 8.0).unwrap_or_else(|| panic!("no wall among {got:?}"));
+    assert!(wall.bounds.width > 150, "{wall:?}");
+    assert!(at(36.0 / 24.0).is_some(), "no rail among {got:?}");
+}
+
+/// A floor 0.5 m below the camera, of which the columns `100..220` are seen with the depths that `depth_m` gives for
+/// rows below the horizon, and the others with those of the plane.
+fn floor_that(depth_m: impl Fn(f64) -> f64) -> Vec<Obstacle> {
+    let geometry = geometry();
+    let mut map = DisparityMap::new(WIDTH, HEIGHT);
+    for y in 125..HEIGHT {
+        let fall = (y as f64 - geometry.cy_px) / geometry.focal_px;
+        for x in 0..WIDTH {
+            let depth_m = if (100..220).contains(&x) { depth_m(fall) } else { 0.5 / fall };
+            map.values.row_mut(y)[x] = (16.0 * 36.0 / depth_m).round() as u16;
+            map.validity.row_mut(y)[x] = 0;
+        }
+    }
+    let ground = GroundPlane::new(&geometry, 0.5, 0.0, 0.0);
+    find_obstacles(&map, &geometry, Some(&ground), &whole(), &NEAR_ROOM).expect("parameters")
+}
+
+#[test]
+fn ground_that_slopes_is_no_obstacle_and_a_step_as_high_is() {
+    // From 1.5 m on it rises by 4 cm per metre: by 14 cm at 5 m.
+    let sloping = |fall: f64| (0.5 / fall).min(0.56 / (fall + 0.04));
+    assert_eq!(floor_that(sloping), []);
+    // A step of 10 cm at 2.5 m.
+    let step = |fall: f64| if 0.5 / fall < 2.5 { 0.5 / fall } else { (0.4 / fall).max(2.5) };
+    let got = floor_that(step);
+    let Some(kerb) = got.first() else { panic!("no step") };
+    assert!((kerb.depth_m - 2.5).abs() < 0.1 && kerb.bounds.width > 100, "{got:?}");
+}
+
 #[test]
 fn the_papers_method_clusters_what_is_brighter_than_around() {
     let params = ObstacleParams { method: ObstacleMethod::Paper, ..NEAR_ROOM };

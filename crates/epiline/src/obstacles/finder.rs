@@ -3,8 +3,8 @@
 //! ```text
 //! cells    = per column and bin of disparity, the pixels that stand on the ground          (u-disparity)
 //! peaks    = per column, the nearest surface of each unbroken stretch with enough pixels
-//! clusters = peaks joined where they touch: next to each other in columns, no gap in depth (union–find)
-//! outline  = per cluster, its nearest peak in each column, as a line with few corners
+//! outlines = peaks of neighbouring columns linked where they touch and none is closer: one peak per column,
+//!            as a line with few corners
 //! parts    = outlines cut where they recede: a box beside a wall is not the wall, two faces of a box are one
 //! measure each part from its outline; keep what is large and high enough
 //! drop low ones that lie in the ground
@@ -18,6 +18,7 @@ use super::columns::{ColumnReader, Peak};
 use super::measure::Part;
 use super::paper::BrightClusters;
 use super::polyline::{Outliner, Point};
+use super::rise::Rise;
 use super::standing::{Standing, lies};
 use super::{Obstacle, ObstacleMethod, ObstacleParams};
 use crate::error::Result;
@@ -34,8 +35,6 @@ const BIN_REACH: usize = 2;
 /// A part of fewer columns is a sliver if this many columns beside it there is something nearer.
 const SLIVER: usize = 9;
 const SLIVER_REACH: usize = 2;
-/// Of two peaks in a column of a cluster, the farther one counts if it has more than so many times the pixels.
-const OUTWEIGHED: usize = 8;
 /// A point farther than this from the points around it is moved to them, px.
 const STEADY_PX: f64 = 0.75;
 /// An outline has a corner where it leaves a straight line by more than this, px.
@@ -46,14 +45,11 @@ const RECESS_M: f64 = 0.08;
 /// A plane that passes the camera at less than this, metres, is none: matching windows that see both of two surfaces lie
 /// between them.
 const STEEPEST_M: f64 = 0.2;
+/// What is not higher than this, metres, may be the ground, where that is no plane.
+const LOW_M: f64 = 0.4;
 
-/// Peaks of one cluster.
-#[derive(Debug, Clone, Copy, Default)]
-struct Cluster {
-    /// How many, and where they begin in the list by clusters.
-    peaks: usize,
-    offset: usize,
-}
+/// No peak.
+const NONE: usize = usize::MAX;
 
 /// Finds obstacles; keeps its buffers from frame to frame.
 #[derive(Debug, Default)]
@@ -62,20 +58,19 @@ pub struct ObstacleFinder {
     cells: Cells,
     columns: ColumnReader,
     peaks: Vec<Peak>,
-    /// Union–find: index of another peak of the cluster, or its own at the root.
-    parents: Vec<usize>,
-    /// Cluster of each root peak.
-    cluster_of_root: Vec<usize>,
-    clusters: Vec<Cluster>,
-    /// Peaks cluster by cluster, in order of their columns, near ones first.
-    by_cluster: Vec<Peak>,
-    /// One cluster's nearest peak per column, and the same as points of its outline.
-    nearest: Vec<Peak>,
+    /// Where the peaks of each column begin, and the end of the last.
+    column_starts: Vec<usize>,
+    /// Per peak: the ones that it is linked with to the left and to the right, or [`NONE`].
+    before: Vec<usize>,
+    after: Vec<usize>,
+    /// One outline's peaks, and the same as points.
+    outline: Vec<Peak>,
     points: Vec<Point>,
     outliner: Outliner,
     fitted_px: Vec<f64>,
     parts: Vec<(usize, usize)>,
     part: Part,
+    rise: Rise,
     bright: BrightClusters,
     spare_lists: Vec<Vec<Arc<str>>>,
 }
@@ -140,20 +135,34 @@ impl ObstacleFinder {
         self.standing.prepare(geometry, ground, largest, params);
         self.cells.count(disparity, &self.standing, largest);
         self.columns.read(&self.cells, geometry, ground.is_some(), params, &mut self.peaks);
-        self.join_peaks(geometry, params);
-        self.form_clusters();
-        for index in 0..self.clusters.len() {
-            self.outline(index);
+        self.list_columns(disparity.width());
+        for distance in 1..=COLUMN_REACH {
+            self.link_peaks(distance, geometry, params);
+        }
+        for first in 0..self.peaks.len() {
+            if self.before[first] != NONE {
+                continue;
+            }
+            self.follow(first);
             self.cut(geometry, params);
             for index in 0..self.parts.len() {
                 let (begin, end) = self.parts[index];
-                let (peaks, points) = (&self.nearest[begin..end], &self.points[begin..end]);
+                let (peaks, points) = (&self.outline[begin..end], &self.points[begin..end]);
                 let outliner = &mut self.outliner;
-                if let Some(found) = self.part.measure(peaks, points, outliner, geometry, ground, params) {
-                    if !ground.is_some_and(|ground| lies(&found, peaks, disparity, ground, params)) {
-                        out.extend(found.in_regions(regions, &mut self.spare_lists));
-                    }
+                let Some(found) = self.part.measure(peaks, points, outliner, geometry, ground, params) else {
+                    continue;
+                };
+                if ground.is_some_and(|ground| lies(&found, peaks, disparity, ground, params)) {
+                    continue;
                 }
+                if let Some(ground) = ground
+                    && found.height_m < LOW_M
+                    && let Some(rise_m) = self.rise.measure(peaks, disparity, geometry, ground)
+                    && rise_m < ObstacleParams::STANDS_FROM * params.step_m
+                {
+                    continue;
+                }
+                out.extend(found.in_regions(regions, &mut self.spare_lists));
             }
         }
     }
@@ -167,9 +176,9 @@ impl ObstacleFinder {
         params: &ObstacleParams,
         out: &mut Vec<Obstacle>,
     ) -> Result<()> {
-        let Self { bright, nearest, points, outliner, part, spare_lists, .. } = self;
+        let Self { bright, outline, points, outliner, part, spare_lists, .. } = self;
         let smallest_px = params.smallest_disparity_px(geometry) - geometry.doffs_px;
-        bright.find(disparity, smallest_px, params, nearest, |peaks| {
+        bright.find(disparity, smallest_px, params, outline, |peaks| {
             list_points(peaks, points);
             if let Some(found) = part.measure(peaks, points, outliner, geometry, None, params) {
                 out.extend(found.in_regions(regions, spare_lists));
@@ -177,81 +186,57 @@ impl ObstacleFinder {
         })
     }
 
-    fn join_peaks(&mut self, geometry: &RectifiedGeometry, params: &ObstacleParams) {
-        self.parents.clear();
-        self.parents.extend(0..self.peaks.len());
+    /// Where each column's peaks are in the list.
+    fn list_columns(&mut self, width: usize) {
+        let Self { peaks, column_starts, before, after, .. } = self;
+        column_starts.clear();
+        column_starts.extend((0..=width).scan(0, |at, column| {
+            *at += peaks[*at..].iter().take_while(|peak| peak.column < column).count();
+            Some(*at)
+        }));
+        for links in [before, after] {
+            links.clear();
+            links.resize(peaks.len(), NONE);
+        }
+    }
+
+    /// Links peaks so many columns apart that are not linked yet: each with the one closest to it in disparity, if they
+    /// touch and it is the closest to that one too.
+    fn link_peaks(&mut self, distance: usize, geometry: &RectifiedGeometry, params: &ObstacleParams) {
         let depth_m = |bin: usize| geometry.depth_m(Cells::center_px(bin));
-        for i in 0..self.peaks.len() {
-            for j in i + 1..self.peaks.len() {
-                let (one, other) = (self.peaks[i], self.peaks[j]);
-                if other.column > one.column + COLUMN_REACH {
-                    break;
-                }
-                let (near, far) = if one.far >= other.far { (one, other) } else { (other, one) };
-                let touching = near.far <= far.near + BIN_REACH
-                    || depth_m(far.near) - depth_m(near.far) <= params.range_gap_m;
-                if touching {
-                    let (one, other) = (self.root(i), self.root(j));
-                    self.parents[one.max(other)] = one.min(other);
-                }
+        let touching = |one: &Peak, other: &Peak| {
+            let (near, far) = if one.far >= other.far { (one, other) } else { (other, one) };
+            near.far <= far.near + BIN_REACH || depth_m(far.near) - depth_m(near.far) <= params.range_gap_m
+        };
+        let Self { peaks, column_starts, before, after, .. } = self;
+        let closest = |peak: &Peak, column: usize, links: &[usize]| {
+            let free = (column_starts[column]..column_starts[column + 1])
+                .filter(|&other| links[other] == NONE && touching(peak, &peaks[other]));
+            let gap = |other: usize| (peaks[other].disparity_px - peak.disparity_px).abs();
+            free.min_by(|&one, &other| gap(one).total_cmp(&gap(other)))
+        };
+        for left in 0..peaks.len() {
+            let column = peaks[left].column + distance;
+            if after[left] != NONE || column + 1 >= column_starts.len() {
+                continue;
+            }
+            if let Some(right) = closest(&peaks[left], column, before)
+                && closest(&peaks[right], peaks[left].column, after) == Some(left)
+            {
+                (after[left], before[right]) = (right, left);
             }
         }
     }
 
-    fn root(&mut self, mut peak: usize) -> usize {
-        while self.parents[peak] != peak {
-            // Halving the path keeps later walks short.
-            self.parents[peak] = self.parents[self.parents[peak]];
-            peak = self.parents[peak];
+    /// Lists the outline that begins with a peak.
+    fn follow(&mut self, first: usize) {
+        self.outline.clear();
+        let mut peak = first;
+        while peak != NONE {
+            self.outline.push(self.peaks[peak]);
+            peak = self.after[peak];
         }
-        peak
-    }
-
-    /// Lists the peaks cluster by cluster.
-    fn form_clusters(&mut self) {
-        const NEW: usize = usize::MAX;
-        self.clusters.clear();
-        self.cluster_of_root.clear();
-        self.cluster_of_root.resize(self.peaks.len(), NEW);
-        for i in 0..self.peaks.len() {
-            let root = self.root(i);
-            if self.cluster_of_root[root] == NEW {
-                self.cluster_of_root[root] = self.clusters.len();
-                self.clusters.push(Cluster::default());
-            }
-            self.clusters[self.cluster_of_root[root]].peaks += 1;
-        }
-        let mut total = 0;
-        for cluster in &mut self.clusters {
-            cluster.offset = total;
-            total += std::mem::take(&mut cluster.peaks);
-        }
-        let Some(&any) = self.peaks.first() else { return };
-        self.by_cluster.clear();
-        self.by_cluster.resize(total, any);
-        for i in 0..self.peaks.len() {
-            let root = self.root(i);
-            let cluster = &mut self.clusters[self.cluster_of_root[root]];
-            self.by_cluster[cluster.offset + cluster.peaks] = self.peaks[i];
-            cluster.peaks += 1;
-        }
-    }
-
-    /// The nearest peak of a cluster in each of its columns, unless what stands behind it there has many times its pixels.
-    fn outline(&mut self, index: usize) {
-        let Cluster { peaks, offset } = self.clusters[index];
-        self.nearest.clear();
-        for peak in &self.by_cluster[offset..offset + peaks] {
-            match self.nearest.last_mut() {
-                Some(nearest) if nearest.column == peak.column => {
-                    if peak.support > OUTWEIGHED * nearest.support {
-                        *nearest = *peak;
-                    }
-                }
-                _ => self.nearest.push(*peak),
-            }
-        }
-        list_points(&self.nearest, &mut self.points);
+        list_points(&self.outline, &mut self.points);
         self.outliner.steady(&mut self.points, STEADY_PX);
     }
 
@@ -291,22 +276,23 @@ impl ObstacleFinder {
         self.drop_slivers();
     }
 
-    /// Drops parts narrower than a matching window that lie beside a nearer one: windows that see the edge of that.
+    /// Drops parts narrower than a matching window that lie beside something nearer in the same rows: windows that see
+    /// the edge of that.
     fn drop_slivers(&mut self) {
-        let Self { parts, points, .. } = self;
-        if parts.len() < 2 {
-            return;
-        }
-        let nearer_beside = |at: usize, beside: Option<usize>| {
-            beside.and_then(|index| points.get(index)).is_some_and(|other| {
-                let near = (other.x - points[at].x).abs() <= COLUMN_REACH as f64 + 1.0;
-                near && other.disparity_px > points[at].disparity_px
+        let Self { parts, outline, peaks, column_starts, .. } = self;
+        let nearer_in = |peak: &Peak, column: usize| {
+            peaks[column_starts[column]..column_starts[column + 1]].iter().any(|other| {
+                other.disparity_px > peak.disparity_px && other.top <= peak.bottom && peak.top <= other.bottom
             })
         };
+        let last_column = column_starts.len().saturating_sub(2);
         parts.retain(|&(begin, end)| {
-            let before = begin.checked_sub(SLIVER_REACH);
+            let (first, last) = (&outline[begin], &outline[end - 1]);
+            let left = first.column.saturating_sub(SLIVER_REACH)..first.column;
+            let right = last.column + 1..(last.column + SLIVER_REACH).min(last_column) + 1;
             end - begin >= SLIVER
-                || !(nearer_beside(begin, before) || nearer_beside(end - 1, Some(end - 1 + SLIVER_REACH)))
+                || !(left.into_iter().any(|column| nearer_in(first, column))
+                    || right.into_iter().any(|column| nearer_in(last, column)))
         });
     }
 }

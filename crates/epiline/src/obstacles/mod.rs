@@ -13,6 +13,7 @@ mod finder;
 mod measure;
 mod paper;
 mod polyline;
+mod rise;
 mod standing;
 
 use std::sync::Arc;
