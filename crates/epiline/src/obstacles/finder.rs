@@ -45,6 +45,8 @@ const RECESS_M: f64 = 0.08;
 /// A plane that passes the camera at less than this, metres, is none: matching windows that see both of two surfaces lie
 /// between them.
 const STEEPEST_M: f64 = 0.2;
+/// What rises by less than this share of a step from the ground before it is the ground.
+const LEAST_RISE: f64 = 0.4;
 /// What is not higher than this, metres, may be the ground, where that is no plane.
 const LOW_M: f64 = 0.4;
 
@@ -158,7 +160,7 @@ impl ObstacleFinder {
                 if let Some(ground) = ground
                     && found.height_m < LOW_M
                     && let Some(rise_m) = self.rise.measure(peaks, disparity, geometry, ground)
-                    && rise_m < ObstacleParams::STANDS_FROM * params.step_m
+                    && rise_m < LEAST_RISE * params.step_m
                 {
                     continue;
                 }
