@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 import epiline as ep
 from epiline.cli import main
 from epiline.evaluation.obstacles import FrameTruth, Rules
-from epiline.evaluation.obstacles.ground import GroundRun, car_geometry, ground_figures, ground_sample, is_car_sequence
+from epiline.evaluation.obstacles.ground import (
+    GroundRun,
+    GroundSample,
+    car_geometry,
+    ground_figures,
+    ground_sample,
+    is_car_sequence,
+)
+from epiline.evaluation.obstacles.own_motion import nod_rad
 from epiline.evaluation.obstacles.scans import ScanScore, scan_figures, score_scan
 from epiline.evaluation.obstacles.truth import NOTHING
 from epiline.sources.rendered import world_from_optical
@@ -194,6 +202,11 @@ def test_the_ground_of_a_camera_held_at_an_angle() -> None:
     figures = ground_figures([sample, ground_sample(None, pose)])
     assert figures["ground_found"] == 50
     assert figures["height_p95"] < 1
+    sigmas = (0.004, 0.01, 0.1)
+    off = [GroundSample(0.6, 0.006, -0.009, 0.3, sigmas), GroundSample(0.6, 0.003, 0.021, 0.05, sigmas)]
+    figures = ground_figures(off)
+    assert [figures[f"{name}_within_1"] for name in ("height", "pitch", "roll")] == [50, 50, 50]
+    assert [figures[f"{name}_within_2"] for name in ("height", "pitch", "roll")] == [100, 50, 50]
 
 
 def test_steadiness_of_a_run() -> None:
@@ -204,6 +217,41 @@ def test_steadiness_of_a_run() -> None:
     assert figures["pitch_off_worst"] == pytest.approx(0.5)
     assert figures["pitch_off_median"] == 0
     assert "pitch_off_worst" not in GroundRun.of([None, None]).steadiness()
+
+
+def test_the_nodding_of_a_vehicle_is_no_noise_of_its_ground() -> None:
+    turned = np.deg2rad(2 * np.sin(np.arange(40)))
+    frames = np.linspace(0, 1, 40)
+    pitch = turned + np.deg2rad(5 + frames - 2 * frames**3)
+    run = GroundRun(np.ones(40), pitch, np.zeros(40), turned)
+    assert run.steadiness()["pitch_off_p90"] > 1
+    assert run.steadiness()["pitch_less_nod_off_worst"] < 1e-6
+    pitch[17] += np.deg2rad(1)
+    assert run.steadiness()["pitch_less_nod_off_worst"] == pytest.approx(0.9, abs=0.1)
+    one = GroundRun(np.ones(1), np.zeros(1), np.zeros(1), np.zeros(1))
+    assert one.steadiness()["pitch_less_nod_off_worst"] == 0
+
+
+def test_a_nod_is_told_from_driving_on() -> None:
+    """Panels at 15 and 75 m, whose lower half is dark, seen by a camera that turns down and drives on."""
+    rng = np.random.default_rng(3)
+    before = cv2.GaussianBlur(rng.integers(0, 256, (240, 320), np.uint8), (0, 0), 1.5)
+    before[120:] = 0
+    near = np.arange(320) // 80 % 2 == 0
+    geometry = ep.RectifiedGeometry(width=320, height=240, focal_px=300, cx_px=161, cy_px=118, baseline_m=0.5)
+    raw = np.tile(np.where(near, 16 * 10, 16 * 2).astype(np.uint16), (240, 1))
+    disparity = ep.DisparityMap(raw, np.zeros((240, 320), np.uint8))
+    camera = np.array([[300, 0, 161], [0, 300, 118], [0, 0, 1.0]])
+    for down_rad, ahead_m in ((0.0, 0.0), (0.01, 0.0), (-0.004, 0.0), (0.0, 1.0), (0.006, 1.0)):
+        turn = cv2.Rodrigues(np.array([down_rad, 0.0, 0.0]))[0]
+        after = np.zeros_like(before)
+        for panels, depth_m in ((~near, 75.0), (near, 15.0)):
+            come = np.diag([1.0, 1.0, 1 - ahead_m / depth_m])
+            moved = camera @ turn @ come @ np.linalg.inv(camera)
+            seen = cv2.warpPerspective(np.tile(panels.astype(np.uint8), (240, 1)), moved, (320, 240)) > 0
+            after[seen] = cv2.warpPerspective(before, moved, (320, 240))[seen]
+        assert nod_rad(before, after, disparity, geometry) == pytest.approx(down_rad, abs=3e-4)
+    assert np.isnan(nod_rad(np.zeros_like(before), np.zeros_like(before), disparity, geometry))
 
 
 def test_a_drive_of_a_car_is_recognised_and_scored(
@@ -225,6 +273,7 @@ def test_a_drive_of_a_car_is_recognised_and_scored(
     (row,) = json.loads(capsys.readouterr().out)["ground"]
     assert row["frames"] == 3
     assert 1.0 < row["camera_height_m"] < 2.5
+    assert row["pitch_less_nod_off_worst"] < 0.3
     (drive / "calib.txt").write_text("P1_roi: 1 2 3\n")
     assert main(["evaluate", "--obstacles", str(drive), "--preset", "fast"]) == 1
     assert "calib.txt: no P1_roi and P2_roi" in capsys.readouterr().err

@@ -278,19 +278,19 @@ fn a_plane_that_is_followed_is_given_up_for_what_is_there_now() {
     assert!((height_m(&before) - 0.6).abs() < 0.02);
     assert_eq!(now, Err(NoGround::NoPlane));
 
-    // It is lifted.
-    let lifted = Stance { height_m: 0.9, ..stance };
-    let [_, now] = after([&floor, &[lifted.floor()]], [10, 5]);
-    assert!((height_m(&now) - 0.9).abs() < 0.03, "{now:?}");
+    // It is lifted: seen at once.
+    let lifted = Stance { height_m: 1.2, ..stance };
+    let [_, now] = after([&floor, &[lifted.floor()]], [10, 1]);
+    assert!((height_m(&now) - 1.2).abs() < 0.04, "{now:?}");
 
     // It drives onto a ramp of 1 in 12, until it stands on it: ahead it is level again, as seen from there.
-    let [_, now] = after([&floor, &[Stance { pitch_rad: 0.1 - 1.0 / 12.0, ..stance }.floor()]], [10, 5]);
+    let [_, now] = after([&floor, &[Stance { pitch_rad: 0.1 - 1.0 / 12.0, ..stance }.floor()]], [10, 1]);
     assert!((now.expect("a ramp").pitch_rad - (0.1 - 1.0 / 12.0)).abs() < 0.006, "{now:?}");
 
     // What it followed was a platform that filled the view, and the floor below it comes in sight.
     let platform = stance.shelf(0.2, (0.0, 60.0), (-60.0, 60.0));
     let beside = stance.shelf(0.2, (0.0, 3.0), (-60.0, -0.3));
-    let [before, now] = after([&[platform], &[beside, stance.floor()]], [10, 12]);
+    let [before, now] = after([&[platform], &[beside, stance.floor()]], [10, 2]);
     assert!((height_m(&before) - 0.4).abs() < 0.02, "{before:?}");
     assert!((height_m(&now) - 0.6).abs() < 0.03, "{now:?}");
 }

@@ -34,13 +34,16 @@ _RANGES = {
     "within_2": "2 sigma %",
 }
 _TRACKS = {f"track_{name}": title for name, title in (_FOUND | _RANGES).items()} | {"track_switches": "id switches"}
-_FLOOR = {
-    "ground_found": "ground found %",
-    "height_bias": "height bias %",
-    "height_p95": "95th",
-    "pitch_bias": "pitch bias deg",
-    "pitch_p95": "95th",
-    "scan_missed": "scan: missed %",
+_FLOOR = {"ground_found": "ground found %"}
+for _name, _title in (("height", "height bias %"), ("pitch", "pitch bias deg"), ("roll", "roll bias deg")):
+    _FLOOR |= {
+        f"{_name}_bias": _title,
+        f"{_name}_p95": "95th",
+        f"{_name}_within_1": "1 sigma %",
+        f"{_name}_within_2": "2 sigma %",
+    }
+_SCAN = {
+    "scan_missed": "missed %",
     "scan_misled": "misled %",
     "scan_false_near": "false near %",
     "scan_ghosts": "ghosts %",
@@ -117,7 +120,8 @@ def _score_courses(args: argparse.Namespace, entry: Entry) -> None:
         (f"{entry.name}: obstacles up to 6 m on rendered courses", _FOUND),
         ("their ranges; the nearest ranges of regions", _RANGES),
         ("confirmed tracks, scored as obstacles are", _TRACKS),
-        ("the ground, and the scan over it", _FLOOR),
+        ("the ground", _FLOOR),
+        ("the scan over it", _SCAN),
     ):
         print_table(title, ("", *columns.values()), [(name, *_figures(tally, columns)) for name, tally in rows])
 

@@ -25,7 +25,7 @@ const KEPT: f64 = 0.8;
 /// What they used to be is a mean over about so many frames.
 const MEMORY: f64 = 8.0;
 /// How a plane is fitted again: one that has just been drawn, one that lies as it did, and one that may have moved.
-const FIT: [Round; 3] = [Round { width: 4.0, step: 2 }, FINE, FINE];
+const FIT: [Round; 5] = [Round { width: 4.0, step: 2 }, FINE, FINE, FINE, FINE];
 const FIT_STILL: [Round; 2] = [Round { width: 4.0, step: 2 }, FINE];
 const FIT_MOVED: [Round; 5] =
     [Round { width: 16.0, step: 4 }, Round { width: 8.0, step: 4 }, FINE, FINE, FINE];

@@ -15,12 +15,14 @@ const MIN_ON_SHARE: f64 = 0.12;
 const SPAN_STEP: usize = 3;
 /// Samples of a column that are held against each other: so many rows of the grid apart.
 const STRIDE: usize = 3;
-/// Of the samples on it, the share along which disparity changes as on the plane: a wall crosses it.
+/// Of these pairs, the share along which disparity changes as on the plane: a wall crosses it.
 const MIN_ALONG_SHARE: f64 = 0.35;
+/// … and how many that must be as a share of the samples on the plane: mismatches lie on it one by one.
+const MIN_ALONG: f64 = 0.1;
 /// How much of the plane's change of disparity may be missing or too much.
 const ALONG: f32 = 0.6;
-/// Samples below a plane, as a share of those on it, the nearer the more, that make it something else than the ground.
-const MAX_BELOW_SHARE: f64 = 0.25;
+/// What lies below a plane, as a share of what lies on it, that makes it something else than the ground.
+const MAX_BELOW_SHARE: f64 = 0.5;
 /// Disparity that the samples on a plane must span, px: a wall spans next to none.
 const MIN_SPAN_PX: f64 = 2.5;
 /// Columns and rows that they must span, as shares of the image's width and height: the lower edge of the image cuts
@@ -39,7 +41,7 @@ pub(super) fn require_ground(
     let enough = held.count >= MIN_ON as f64 && held.count >= MIN_ON_SHARE * held.looked_at;
     if !enough
         || !spans_enough(plane, samples, tolerance_px, geometry)
-        || along_share(plane, samples, tolerance_px) < MIN_ALONG_SHARE
+        || !lies_along(plane, held, samples, tolerance_px)
     {
         return Err(NoGround::NoPlane);
     }
@@ -90,9 +92,9 @@ fn spans_enough(
         && span(2) >= MIN_SPAN_PX
 }
 
-/// Of the samples on a plane that have another some rows farther down their column, the share between which disparity
-/// changes as it does on the plane: those that lie along it, not across it.
-fn along_share(plane: &DisparityPlane, samples: &Samples, tolerance_px: f64) -> f64 {
+/// Whether samples lie along a plane, not across it: disparity changes as on the plane from enough of those on it to
+/// the samples some rows farther down their columns.
+fn lies_along(plane: &DisparityPlane, held: &Held, samples: &Samples, tolerance_px: f64) -> bool {
     let (by_u, tolerance_px) = (plane.by_u as f32, tolerance_px as f32);
     let (mut pairs, mut along) = ([0.0_f32; COLUMNS], [0.0_f32; COLUMNS]);
     for ((upper, upper_px), lower) in samples.rows_of(plane, 1).zip(samples.rows_of(plane, 1).skip(STRIDE)) {
@@ -107,5 +109,6 @@ fn along_share(plane: &DisparityPlane, samples: &Samples, tolerance_px: f64) -> 
             along[column] += if is_pair & (off_px.abs() < ALONG * change_px) { 1.0 } else { 0.0 };
         }
     }
-    total(along) / total(pairs).max(1.0)
+    let along = total(along);
+    along >= MIN_ALONG_SHARE * total(pairs) && along >= MIN_ALONG * held.count
 }

@@ -73,8 +73,7 @@ impl Sums {
                 let inside = (1.0 - share * share).max(0.0);
                 // The nearer, the more it counts: what the camera stands on is near, a ramp may begin ahead. By the
                 // plane's disparity, not by the one seen, whose noise would choose its own weight.
-                let near = inside * plane_px.max(0.0);
-                let weight = near * near;
+                let weight = inside * inside * plane_px.max(0.0);
                 let weight_u = weight * samples.u[column];
                 w[column] += weight;
                 wu[column] += weight_u;
@@ -154,7 +153,7 @@ mod tests {
                 let p = 0.02 * u + 0.3 * v + 6.0;
                 let off = seen - p;
                 let share = (off - bend.by_px * (1.0 - p / bend.at_px).max(0.0)) / 2.5;
-                let w = ((1.0 - share * share).max(0.0) * p.max(0.0)).powi(2);
+                let w = (1.0 - share * share).max(0.0).powi(2) * p.max(0.0);
                 let x = Vector3::new(u, v, 1.0);
                 expected.weights += w * x * x.transpose();
                 expected.squared += w * w * x * x.transpose();

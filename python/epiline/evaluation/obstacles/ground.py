@@ -76,7 +76,7 @@ class GroundRun:
         assert self.turned_down_rad is not None
         frames = np.linspace(-1.0, 1.0, found.size)[found]
         left = (self.pitch_rad - self.turned_down_rad)[found]
-        left = left - np.polynomial.Polynomial.fit(frames, left, min(3, left.size - 1))(frames)
+        left = left - np.polynomial.Polynomial.fit(frames, left, min(3, left.size - 1), domain=[-1, 1])(frames)
         return np.asarray(left - np.median(left), float)
 
 
@@ -129,12 +129,19 @@ def car_run(folder: Path, preset: str, threads: int | None, advance: Callable[[]
 
 @dataclass(frozen=True)
 class GroundSample:
-    """One frame of a course: found minus true height, metres, pitch and roll, radians; NaN where none was found."""
+    """One frame of a course: found minus true height, metres, pitch and roll, radians; NaN where none was found.
+
+    Attributes
+    ----------
+    sigmas : (height m, pitch rad, roll rad)
+        Standard deviations of the three as the ground states them.
+    """
 
     true_height_m: float
     height_m: float = float("nan")
     pitch_rad: float = float("nan")
     roll_rad: float = float("nan")
+    sigmas: tuple[float, float, float] = (float("nan"),) * 3
 
 
 def ground_sample(found: GroundPlane | None, world_from_aligned: Floats) -> GroundSample:
@@ -145,12 +152,17 @@ def ground_sample(found: GroundPlane | None, world_from_aligned: Floats) -> Grou
         return GroundSample(height_m)
     pitch, roll = (np.arcsin(down[2]), np.arctan2(down[0], down[1]))
     return GroundSample(
-        height_m, found.camera_height_m - height_m, float(found.pitch_rad - pitch), float(found.roll_rad - roll)
+        height_m,
+        found.camera_height_m - height_m,
+        float(found.pitch_rad - pitch),
+        float(found.roll_rad - roll),
+        (found.camera_height_sigma_m, found.pitch_sigma_rad, found.roll_sigma_rad),
     )
 
 
 def ground_figures(samples: Sequence[GroundSample]) -> dict[str, float]:
-    """Share of frames with a ground, bias and 95th percentile of its errors: percent of the height, degrees."""
+    """Share of frames with a ground, bias and 95th percentile of its errors (percent of the height, degrees), and the
+    shares, percent, within one and two of the standard deviations it states."""
     found = [sample for sample in samples if np.isfinite(sample.height_m)]
     nothing = float("nan")
     share = 100 * len(found) / len(samples) if samples else nothing
@@ -159,8 +171,12 @@ def ground_figures(samples: Sequence[GroundSample]) -> dict[str, float]:
         "pitch": [float(np.rad2deg(sample.pitch_rad)) for sample in found],
         "roll": [float(np.rad2deg(sample.roll_rad)) for sample in found],
     }
+    off_by = np.abs([(sample.height_m, sample.pitch_rad, sample.roll_rad) for sample in found]).reshape(-1, 3)
+    off_sigmas = off_by / np.array([sample.sigmas for sample in found]).reshape(-1, 3)
     figures = {"ground_found": share}
-    for name, values in errors.items():
+    for (name, values), sigmas in zip(errors.items(), off_sigmas.T, strict=True):
         figures[f"{name}_bias"] = float(np.mean(values)) if values else nothing
         figures[f"{name}_p95"] = float(np.percentile(np.abs(values), 95)) if values else nothing
+        for within in (1, 2):
+            figures[f"{name}_within_{within}"] = 100 * float(np.mean(sigmas <= within)) if values else nothing
     return figures
