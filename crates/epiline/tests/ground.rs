@@ -154,6 +154,25 @@ fn walls_ceilings_and_nothing_are_no_ground() {
 }
 
 #[test]
+fn mismatches_of_a_floor_without_texture_are_no_ground() {
+    let geometry = geometry();
+    for seed in 0..12 {
+        let mut random = Random::new(seed);
+        let mut map = DisparityMap::new(WIDTH, HEIGHT);
+        for y in 0..HEIGHT {
+            for x in 0..WIDTH {
+                // Farther down they can be nearer, as they are where windows see the feet of walls.
+                let below_horizon = (y as f64 / HEIGHT as f64 - 0.4).max(0.02);
+                map.values.row_mut(y)[x] = (16.0 * random.within(0.2, 1.0) * 60.0 * below_horizon) as u16;
+                map.validity.row_mut(y)[x] = if random.uniform() < 0.15 { 0 } else { Validity::LOW_TEXTURE };
+            }
+        }
+        let ground = find_ground(&map, &geometry, &GroundParams::default()).expect("parameters");
+        assert!(ground.is_err(), "seed {seed}: {ground:?}");
+    }
+}
+
+#[test]
 fn a_table_top_is_not_taken_for_the_ground() {
     let stance = Stance { height_m: 1.3, pitch_rad: 0.35, roll_rad: 0.0 };
     // It takes the most of the view, but the floor is seen around it.
