@@ -120,11 +120,11 @@ fn count_beyond(plane: &DisparityPlane, bend: Bend, samples: &Samples, tolerance
     let (bend_px, per_bend) = (bend.by_px as f32, 1.0 / at_px);
     let mut counts = [0.0_f32; COLUMNS];
     for (row, at_u0) in samples.rows_of(plane, 1) {
-        for column in 0..COLUMNS {
+        for (column, count) in counts.iter_mut().enumerate() {
             let plane_px = at_u0 + by_u * samples.u[column];
             let off_px = row.seen_px[column] - plane_px - bend_px * (1.0 - plane_px * per_bend);
             let is_on = (plane_px < at_px) & (plane_px > 0.0) & (off_px.abs() < tolerance_px);
-            counts[column] += if is_on { 1.0 } else { 0.0 };
+            *count += if is_on { 1.0 } else { 0.0 };
         }
     }
     total(counts)

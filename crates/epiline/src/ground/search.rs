@@ -17,8 +17,8 @@ use super::samples::{COLUMNS, NOTHING, Sample, Samples};
 use super::sums::{Bend, total};
 use crate::rectification::RectifiedGeometry;
 
-/// Draws for plausible planes, at most.
-const MAX_DRAWS: usize = 6000;
+/// Three samples are drawn at most so many times for each plausible plane.
+const PATIENCE: usize = 50;
 /// A plane is scored on every so many rows of the grid.
 pub(super) const SCORED_STEP: usize = 3;
 /// Smallest distance of two samples of a column, as a share of the image's height.
@@ -78,7 +78,8 @@ impl Held {
     }
 }
 
-/// The best of `known` planes and of `draws` plausible ones drawn from the samples; `None` if there is none. The same `seed` draws the same.
+/// The best of `known` planes and of `draws` plausible ones drawn from the samples; `None` if there is none. The same
+/// `seed` draws the same.
 pub(super) fn search(
     samples: &Samples,
     known: impl Iterator<Item = DisparityPlane>,
@@ -98,7 +99,7 @@ pub(super) fn search(
     known.for_each(&mut consider);
     let mut random = Draw(seed);
     let mut plausible = 0;
-    for drawn in 0..MAX_DRAWS {
+    for drawn in 0..PATIENCE * draws {
         if plausible == draws {
             break;
         }
