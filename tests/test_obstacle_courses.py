@@ -158,6 +158,13 @@ def test_the_pipeline_is_scored_and_its_regions_with_it() -> None:
     assert blank.figures()["regions"] == 0
 
 
+def test_its_confirmed_tracks_are_scored_too() -> None:
+    figures = evaluate_course(course("boxes", "check", 0, SMALL, 8), Entry("the pipeline's own")).figures()
+    assert figures["track_frames"] == 6
+    assert figures["track_reports"] > 6
+    assert figures["track_recall"] > 30
+
+
 def test_the_rig_of_a_course_is_known_exactly() -> None:
     rig = course("boxes", "check", 0, SMALL, 1).rig()
     calibration = calibration_of(rig.truth)

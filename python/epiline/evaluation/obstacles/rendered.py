@@ -17,6 +17,7 @@ from epiline._core import (
     Region,
     StereoCalibration,
     StereoMatcher,
+    Tracker,
     default_disparities,
     scan,
 )
@@ -33,7 +34,10 @@ from epiline.sources.rendered.courses import Course
 
 @dataclass(frozen=True)
 class Entry:
-    """A pipeline to evaluate: parameters of the matcher, over those of the pipeline's own, and of the pipeline."""
+    """A pipeline to evaluate: parameters of the matcher, over those of the pipeline's own, and of the pipeline.
+
+    It has a tracker unless `pipeline` says otherwise.
+    """
 
     name: str
     matcher: Mapping[str, Any] | None = None
@@ -41,7 +45,7 @@ class Entry:
 
     def pipeline_for(self, calibration: StereoCalibration, width: int) -> Pipeline:
         """The pipeline for cameras of that width."""
-        given: dict[str, Any] = dict(self.pipeline or {})
+        given: dict[str, Any] = {"tracker": Tracker(), **(self.pipeline or {})}
         if self.matcher is not None:
             defaults = {"num_disparities": default_disparities(width)}
             given["matcher"] = StereoMatcher(**{**defaults, **self.matcher})
