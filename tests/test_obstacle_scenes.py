@@ -15,7 +15,7 @@ import epiline as ep
 from epiline.cli import main
 from epiline.evaluation import load_scenes
 from epiline.evaluation.obstacles.columns import column_methods, nearest_supported_px, score_columns
-from epiline.evaluation.obstacles.regions import compare
+from epiline.evaluation.obstacles.regions import compare, range_reached
 
 NAN = float("nan")
 
@@ -83,6 +83,13 @@ def a_map(disparity_px: np.ndarray) -> ep.DisparityMap:
     return ep.DisparityMap(raw, np.where(np.isfinite(disparity_px), 0, 1).astype(np.uint8), num_disparities=128)
 
 
+def test_the_truth_is_where_enough_of_its_points_are() -> None:
+    ranges = np.concatenate([np.linspace(9.8, 10.2, 401), np.full(29, 3.0), [NAN]])
+    assert range_reached(ranges, 30) == pytest.approx(9.829)
+    assert range_reached(ranges, 1) == 3.0
+    assert np.isnan(range_reached(ranges[-1:], 1))
+
+
 def test_regions_of_a_map_against_its_truth() -> None:
     geometry = ep.RectifiedGeometry(width=320, height=240, focal_px=300, cx_px=159.5, cy_px=119.5, baseline_m=0.5)
     truth = np.full((240, 320), 20.0)
@@ -91,6 +98,7 @@ def test_regions_of_a_map_against_its_truth() -> None:
     assert len(perfect.samples) == 16
     assert perfect.silent == perfect.left_out == 0
     assert np.abs([sample.error for sample in perfect.samples]).max() < 0.02
+    assert all(perfect.seen)
     # Half a pixel off everywhere: an error as it is, none once the pair's offset is taken out.
     off = compare(a_map(truth - 0.5), truth, geometry)
     assert off.offset_px == -0.5
@@ -102,6 +110,10 @@ def test_regions_of_a_map_against_its_truth() -> None:
     unknown = np.where(nearer == 60, NAN, truth)
     assert compare(a_map(nearer), unknown, geometry).left_out > 0
     assert min(sample.error for sample in compare(a_map(nearer), truth, geometry).samples) < -0.4
+    blind = compare(a_map(np.where(truth == 30, NAN, truth)), truth, geometry)
+    assert len(blind.seen) == len(blind.samples) == 16
+    assert all(seen == (sample.error < 0.05) for seen, sample in zip(blind.seen, blind.samples, strict=True))
+    assert 0 < sum(blind.seen) < 16
     nothing = compare(a_map(np.full_like(truth, NAN)), truth, geometry)
     assert (len(nothing.samples), nothing.silent) == (0, 16)
 

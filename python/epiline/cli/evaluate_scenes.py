@@ -110,10 +110,15 @@ def _regions(
                 "left_out": float(sum(frame.left_out for frame in members)),
                 "offset_px": float(np.mean([frame.offset_px for frame in members])),
             }
-            as_is = [sample for frame in members for sample in frame.samples]
-            without = [sample for frame in members for sample in frame.without_offset]
-            rows.append((preset, f"{group}, as it is", {**_errors([s.error for s in as_is]), **counts}))
-            rows.append((preset, f"{group}, less the offset", {**_errors([s.error for s in without]), **counts}))
+            seen = [flag for frame in members for flag in frame.seen]
+            for name, samples in (
+                ("as it is", [sample for frame in members for sample in frame.samples]),
+                ("less the offset", [sample for frame in members for sample in frame.without_offset]),
+            ):
+                errors = [sample.error for sample in samples]
+                on_seen = [error for error, flag in zip(errors, seen, strict=True) if flag]
+                rows.append((preset, f"{group}, {name}", {**_errors(errors), **counts}))
+                rows.append((preset, f"{group}, {name}, seen", {**_errors(on_seen), **counts}))
     return rows
 
 
