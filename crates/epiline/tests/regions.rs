@@ -255,6 +255,39 @@ fn without_flaws_nearest_ranges_are_exact() {
 }
 
 #[test]
+fn surfaces_go_on_to_the_end_of_the_image_where_windows_are_cut() {
+    let geometry = geometry();
+    let floor = World { floor_m: Some(0.5), ..World::default() };
+    for slope in [1.3, -1.3] {
+        let world = World { wall: Some((2.2, slope)), ..World::default() };
+        let mut map = disparity_of(&world, &geometry, NO_FLAWS, 0);
+        for y in 0..HEIGHT {
+            for x in (0..5).chain(WIDTH - 5..WIDTH) {
+                map.validity.row_mut(y)[x] = Validity::NOT_UNIQUE;
+            }
+        }
+        let region = Region::new("band", 0, 90, WIDTH, 50);
+        let got = &profile(&map, std::slice::from_ref(&region), Some(&geometry), &ProfileParams::default())
+            .expect("inside")[0];
+        let (found, truth_m) = (got.nearest.expect("the wall"), true_range_m(&world, &region));
+        assert!((found.range_m / truth_m - 1.0).abs() < 0.005, "{found:?} instead of {truth_m} m");
+        assert!(!(5..WIDTH - 5).contains(&found.at.0), "{found:?} is not in the margin");
+    }
+    // Of a floor, a window cut at the bottom sees the rows above.
+    let mut map = disparity_of(&floor, &geometry, NO_FLAWS, 0);
+    for (y, lost) in (HEIGHT - 4..HEIGHT).zip([1, 2, 3, 5]) {
+        for value in map.values.row_mut(y) {
+            *value -= lost;
+        }
+    }
+    let region = Region::new("band", 0, HEIGHT - 50, WIDTH, 50);
+    let got = &profile(&map, std::slice::from_ref(&region), Some(&geometry), &ProfileParams::default())
+        .expect("inside")[0];
+    let (found, truth_m) = (got.nearest.expect("the floor"), true_range_m(&floor, &region));
+    assert!((found.range_m / truth_m - 1.0).abs() < 0.003, "{found:?} instead of {truth_m} m");
+}
+
+#[test]
 fn mismatches_alone_are_no_surface() {
     let world = World { wall: Some((6.0, 0.0)), ..World::default() };
     let region = Region::new("band", 0, 90, WIDTH, 50);

@@ -9,14 +9,18 @@ pub mod floor;
 pub mod grey;
 pub mod islands;
 mod level;
+pub mod planes;
+pub mod range;
 pub mod remap;
 pub mod sad;
 pub mod select;
 pub mod semi_global;
 pub mod sort;
 pub mod texture;
+pub mod tile;
 pub mod weighted;
 pub mod windowed;
+pub mod windows;
 pub mod xsobel;
 
 pub use level::{Level, simd_level};
@@ -28,6 +32,8 @@ use coarse::RefineRow;
 use floor::FloorRow;
 use grey::GreyRow;
 use islands::BreaksRow;
+use planes::{NearTile, PlaneTile};
+use range::RangeRow;
 use remap::RemapRow;
 use sad::{AddRow, RowShape, SadRow};
 use select::SelectRow;
@@ -35,8 +41,10 @@ use semi_global::features::{CensusRow, ExtremesRow};
 use semi_global::{CostRow, ExcessRow, HorizontalRows, SumRow, VerticalRow, WindowRow};
 use sort::SortColumns;
 use texture::TextureRow;
+use tile::{GatherTile, SpanTile};
 use weighted::WeightedRow;
 use windowed::{BestRow, BestWindowsRow, BoxRow, PixelCostRow};
+use windows::{OfferBin, SumColumns};
 use xsobel::XSobelRow;
 
 /// Compiles a portable body once per instruction set: the optimiser vectorises each copy with what the set has.
@@ -97,6 +105,13 @@ pub struct Kernels {
     texture: kernel!(TextureRow),
     weighted: kernel!(WeightedRow),
     sort: kernel!(SortColumns),
+    gather: kernel!(GatherTile),
+    span: kernel!(SpanTile),
+    plane: kernel!(PlaneTile),
+    near: kernel!(NearTile),
+    sum_columns: kernel!(SumColumns),
+    offer: kernel!(OfferBin),
+    range: kernel!(RangeRow),
     grey: kernel!(GreyRow),
     floor: kernel!(FloorRow),
     breaks: kernel!(BreaksRow),
@@ -144,6 +159,13 @@ impl Kernels {
             texture: texture::texture_row,
             weighted: weighted::weighted_row,
             sort: sort::sort_columns,
+            gather: tile::gather_tile,
+            span: tile::span_tile,
+            plane: planes::plane_tile,
+            near: planes::near_tile,
+            sum_columns: windows::sum_columns,
+            offer: windows::offer_bin,
+            range: range::range_row,
             grey: grey::grey_row,
             floor: floor::floor_row,
             breaks: islands::breaks_row,
@@ -188,6 +210,13 @@ impl Kernels {
                     texture: texture::row::avx512,
                     weighted: weighted::row::avx512,
                     sort: sort::columns::avx512,
+                    gather: tile::gathered::avx512,
+                    span: tile::span::avx512,
+                    plane: planes::sums::avx512,
+                    near: planes::near::avx512,
+                    sum_columns: windows::summed::avx512,
+                    offer: windows::offered::avx512,
+                    range: range::row::avx512,
                     grey: grey::row::avx512,
                     floor: floor::row::avx512,
                     breaks: islands::row::avx512,
@@ -232,6 +261,13 @@ impl Kernels {
                     texture: texture::row::avx2,
                     weighted: weighted::row::avx2,
                     sort: sort::columns::avx2,
+                    gather: tile::gathered::avx2,
+                    span: tile::span::avx2,
+                    plane: planes::sums::avx2,
+                    near: planes::near::avx2,
+                    sum_columns: windows::summed::avx2,
+                    offer: windows::offered::avx2,
+                    range: range::row::avx2,
                     grey: grey::row::avx2,
                     floor: floor::row::avx2,
                     breaks: islands::row::avx2,
@@ -338,6 +374,63 @@ impl Kernels {
     pub fn sort(&self, columns: &mut SortColumns<'_>) {
         // SAFETY: as above.
         unsafe { (self.sort)(columns) }
+    }
+
+    /// Columns of disparities as a tile.
+    ///
+    /// # Panics
+    /// As above.
+    pub fn gather(&self, tile: &mut GatherTile<'_>) {
+        tile.check();
+        // SAFETY: as above.
+        unsafe { (self.gather)(tile) }
+    }
+
+    /// Where in a tile's columns values of a span lie.
+    pub fn span(&self, tile: &mut SpanTile<'_>) {
+        // SAFETY: as above.
+        unsafe { (self.span)(tile) }
+    }
+
+    /// Sums over a tile's pixels near a plane.
+    ///
+    /// # Panics
+    /// Without a step.
+    pub fn plane(&self, tile: &mut PlaneTile<'_>) {
+        tile.check();
+        // SAFETY: as above.
+        unsafe { (self.plane)(tile) }
+    }
+
+    /// A tile's pixels near a plane that are near the camera.
+    ///
+    /// # Panics
+    /// As above; so too below.
+    pub fn near(&self, tile: &mut NearTile<'_>) {
+        tile.check();
+        // SAFETY: as above.
+        unsafe { (self.near)(tile) }
+    }
+
+    /// Sums over neighbouring columns.
+    pub fn sum_columns(&self, row: &mut SumColumns<'_>) {
+        row.check();
+        // SAFETY: as above.
+        unsafe { (self.sum_columns)(row) }
+    }
+
+    /// A bin for each column's window of disparity.
+    pub fn offer(&self, row: &mut OfferBin<'_>) {
+        row.check();
+        // SAFETY: as above.
+        unsafe { (self.offer)(row) }
+    }
+
+    /// Metres of a row.
+    pub fn range(&self, row: &mut RangeRow<'_>) {
+        row.check();
+        // SAFETY: as above.
+        unsafe { (self.range)(row) }
     }
 
     /// Grey levels of a row.

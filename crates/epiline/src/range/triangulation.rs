@@ -3,6 +3,8 @@
 use super::confidence;
 use crate::error::{Error, Result};
 use crate::image::Image;
+use crate::kernels::range::{ENTRIES, Metres, RangeRow};
+use crate::kernels::{Kernels, Level};
 use crate::matching::{DisparityMap, Validity};
 use crate::rectification::RectifiedGeometry;
 
@@ -60,16 +62,6 @@ impl RangeImage {
     }
 }
 
-/// Depth and its standard deviation for one value of the disparity map, metres; the calibration's part of it, metres².
-#[derive(Debug, Clone, Copy)]
-struct Metres {
-    depth: f32,
-    sigma: f32,
-    calibration_variance: f32,
-}
-
-const UNKNOWN: Metres = Metres { depth: f32::NAN, sigma: f32::NAN, calibration_variance: f32::NAN };
-
 /// Triangulation of one rig, with everything that does not depend on the frame worked out beforehand.
 ///
 /// ```text
@@ -84,8 +76,14 @@ const UNKNOWN: Metres = Metres { depth: f32::NAN, sigma: f32::NAN, calibration_v
 pub struct Triangulation {
     geometry: RectifiedGeometry,
     disparity_sigma_px: f64,
-    /// Entry 0 is [`UNKNOWN`]; entry `1 + raw` belongs to a disparity of `raw` sixteenths.
+    kernels: Kernels,
+    /// Entry 0 is unknown; entry `1 + raw` belongs to a disparity of `raw` sixteenths. [`ENTRIES`] long, of which memory
+    /// is only touched as far as it was worked out.
     table: Vec<Metres>,
+    /// How many entries of the table are worked out.
+    worked_out: usize,
+    /// The calibration's part of the variance of depth, metres²; by disparity, as far as it was asked for.
+    calibration_variance: Vec<f32>,
     /// `1 + u²` of each column.
     column_term: Vec<f32>,
 }
@@ -105,7 +103,17 @@ impl Triangulation {
                 (1.0 + u * u) as f32
             })
             .collect();
-        Ok(Self { geometry: *geometry, disparity_sigma_px, table: vec![UNKNOWN], column_term })
+        let mut table = vec![[0.0; 2]; ENTRIES];
+        table[0] = UNKNOWN;
+        Ok(Self {
+            geometry: *geometry,
+            disparity_sigma_px,
+            kernels: Kernels::new(Level::current()),
+            table,
+            worked_out: 1,
+            calibration_variance: Vec::new(),
+            column_term,
+        })
     }
 
     /// Fills `out`, keeping its memory.
@@ -124,24 +132,20 @@ impl Triangulation {
         out.validity.as_mut_slice().copy_from_slice(disparity.validity.as_slice());
         out.geometry = geometry;
 
+        let table = self.table.as_slice().try_into().expect("an entry for each disparity");
         for y in 0..geometry.height {
-            let (depth, range) = (out.depth_m.row_mut(y), out.range_m.row_mut(y));
-            let sigma = out.sigma_m.row_mut(y);
-            let raw_and_bits = disparity.values.row(y).iter().zip(disparity.validity.row(y));
-            // The look-up cannot use vectors, so it stands apart from the arithmetic, which can.
-            for ((&raw, &bits), (depth, sigma)) in raw_and_bits.zip(depth.iter_mut().zip(sigma.iter_mut())) {
-                let entry = if Validity::has_value(bits) { usize::from(raw) + 1 } else { 0 };
-                let metres = self.table[entry];
-                (*depth, *sigma) = (metres.depth, metres.sigma);
-            }
             let v = (y as f64 - geometry.cy_px) / geometry.focal_px;
-            let row_term = (v * v) as f32;
-            let metres = depth.iter().zip(range.iter_mut()).zip(sigma.iter_mut());
-            for (((&depth, range), sigma), &column_term) in metres.zip(&self.column_term) {
-                let ray = (column_term + row_term).sqrt();
-                *range = depth * ray;
-                *sigma *= ray;
-            }
+            self.kernels.range(&mut RangeRow {
+                raws: disparity.values.row(y),
+                bits: disparity.validity.row(y),
+                harmless: Validity::FILLED,
+                table,
+                column_terms: &self.column_term,
+                row_term: (v * v) as f32,
+                depth: out.depth_m.row_mut(y),
+                range: out.range_m.row_mut(y),
+                sigma: out.sigma_m.row_mut(y),
+            });
         }
         Ok(())
     }
@@ -164,6 +168,9 @@ impl Triangulation {
         let sigma_of: [f32; 256] =
             std::array::from_fn(|confidence| confidence::disparity_sigma_px(confidence as u8));
         let per_square_metre = (1.0 / (geometry.focal_px * geometry.baseline_m)) as f32;
+        for raw in self.calibration_variance.len()..self.worked_out - 1 {
+            self.calibration_variance.push(calibration_variance(&geometry, self.depth_m(raw)) as f32);
+        }
         for y in 0..geometry.height {
             let metres = out.depth_m.row(y).iter().zip(out.range_m.row(y));
             let pixels = metres.zip(disparity.values.row(y).iter().zip(confidence.row(y)));
@@ -174,7 +181,7 @@ impl Triangulation {
                     continue;
                 }
                 let matching = depth * depth * per_square_metre * sigma_of[usize::from(confidence)];
-                let calibration = self.table[usize::from(raw) + 1].calibration_variance;
+                let calibration = self.calibration_variance[usize::from(raw)];
                 *sigma = range / depth * (matching * matching + calibration).sqrt();
             }
         }
@@ -183,19 +190,24 @@ impl Triangulation {
 
     /// Makes the table reach `largest` sixteenths of a pixel.
     fn extend_table(&mut self, largest: u16) {
-        for raw in self.table.len() - 1..=usize::from(largest) {
-            let depth_m = self.geometry.depth_m(raw as f64 / f64::from(DisparityMap::SCALE));
-            let metres = if depth_m.is_finite() && depth_m > 0.0 {
-                let sigma_m = depth_sigma_m(&self.geometry, depth_m, self.disparity_sigma_px);
-                let calibration_variance = calibration_variance(&self.geometry, depth_m) as f32;
-                Metres { depth: depth_m as f32, sigma: sigma_m as f32, calibration_variance }
+        // The largest number is no disparity, and has no entry.
+        for entry in self.worked_out..=(usize::from(largest) + 1).min(ENTRIES - 1) {
+            let depth_m = self.depth_m(entry - 1);
+            self.table[entry] = if depth_m.is_finite() && depth_m > 0.0 {
+                [depth_m, depth_sigma_m(&self.geometry, depth_m, self.disparity_sigma_px)].map(|m| m as f32)
             } else {
                 UNKNOWN
             };
-            self.table.push(metres);
+            self.worked_out = entry + 1;
         }
     }
+
+    fn depth_m(&self, raw: usize) -> f64 {
+        self.geometry.depth_m(raw as f64 / f64::from(DisparityMap::SCALE))
+    }
 }
+
+const UNKNOWN: Metres = [f32::NAN; 2];
 
 /// Standard deviation of a depth: `sqrt((Z²·σ_d / (f·b))² + var_calibration(Z))`, metres.
 pub(crate) fn depth_sigma_m(geometry: &RectifiedGeometry, depth_m: f64, disparity_sigma_px: f64) -> f64 {

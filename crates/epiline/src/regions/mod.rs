@@ -1,10 +1,13 @@
 //! Regions of the disparity map: boxes, and what is read from them per column and as a whole.
 
+mod columns;
 mod plane;
 mod profile;
 mod space;
 mod surface;
+mod tiles;
 mod u_disparity;
+mod windows;
 
 use std::sync::Arc;
 

@@ -1,10 +1,12 @@
 //! What the paper plots for a region: value against column, and the figures read from it.
 
 use super::Region;
+use super::columns::ColumnReader;
+use super::plane::Scene;
 use super::surface::{NearestSurface, SurfaceFinder};
+use super::tiles::Tiles;
 use super::u_disparity::UDisparity;
 use crate::error::{Error, Result};
-use crate::kernels::sort::{LANES, SortColumns};
 use crate::kernels::{Kernels, Level};
 use crate::matching::{DisparityMap, Validity};
 use crate::range::{check_disparity_sigma, check_size};
@@ -110,24 +112,12 @@ impl RegionProfile {
     }
 }
 
-fn px(raw: u16) -> f32 {
-    f32::from(raw) / f32::from(DisparityMap::SCALE)
-}
-
-/// One pixel of each of [`LANES`] neighbouring columns.
-type Row = [u16; LANES];
-
-/// What a pixel without a value has in a tile: more than any disparity, so that it is sorted to the end.
-const NO_VALUE: u16 = u16::MAX;
-
 /// Reads regions; keeps its buffers from frame to frame.
 #[derive(Debug, Clone)]
 pub struct Profiler {
     kernels: Kernels,
-    /// Some neighbouring columns of the region, row by row.
-    tile: Vec<Row>,
-    /// The same, each column in ascending order.
-    sorted: Vec<Row>,
+    tiles: Tiles,
+    columns: ColumnReader,
     /// The map without what lies outside a region of space.
     inside: DisparityMap,
     u_disparity: UDisparity,
@@ -138,8 +128,8 @@ impl Default for Profiler {
     fn default() -> Self {
         Self {
             kernels: Kernels::new(Level::current()),
-            tile: Vec::new(),
-            sorted: Vec::new(),
+            tiles: Tiles::default(),
+            columns: ColumnReader::default(),
             inside: DisparityMap::default(),
             u_disparity: UDisparity::default(),
             surface: SurfaceFinder::default(),
@@ -166,9 +156,12 @@ impl Profiler {
         if let Some(geometry) = geometry {
             check_size(disparity, geometry)?;
         }
-        count_unknown(disparity, &out.region, &mut out.unknown);
         let Some(space) = out.region.space else {
             self.read_map(disparity, geometry, params, out);
+            let height = out.region.height as u32;
+            out.unknown.clear();
+            out.unknown.extend(out.count.iter().map(|count| height - count));
+            set_valid_share(out);
             return Ok(());
         };
         let Some(geometry) = geometry else {
@@ -183,6 +176,8 @@ impl Profiler {
         space.select(disparity, geometry, &out.region, &mut inside, Validity::BORDER);
         self.read_map(&inside, Some(geometry), params, out);
         self.inside = inside;
+        count_unknown(disparity, &out.region, &mut out.unknown);
+        set_valid_share(out);
         Ok(())
     }
 
@@ -193,137 +188,35 @@ impl Profiler {
         params: &ProfileParams,
         out: &mut RegionProfile,
     ) {
-        self.read_columns(disparity, geometry, params.min_support, out);
-        self.u_disparity.count(disparity, &out.region);
+        self.tiles.gather(&self.kernels, disparity, &out.region);
+        let largest = self.columns.read(&self.kernels, &self.tiles, geometry, params.min_support, out);
+        self.u_disparity.count(&self.tiles, largest);
         fill_histogram(&self.u_disparity, disparity, &mut out.histogram);
-        let pixels = (out.region.width * out.region.height) as f64;
-        let unknown: f64 = out.unknown.iter().map(|&n| f64::from(n)).sum();
-        out.valid_share = (pixels - unknown) / pixels;
         // f32::min and max pass over NaN.
         out.minimum = f64::from(out.minimum_px.iter().copied().fold(f32::NAN, f32::min));
         out.maximum = f64::from(out.maximum_px.iter().copied().fold(f32::NAN, f32::max));
-        out.nearest = self.surface.nearest(&self.u_disparity, disparity, geometry, &out.region, params);
-    }
-
-    fn read_columns(
-        &mut self,
-        disparity: &DisparityMap,
-        geometry: Option<&RectifiedGeometry>,
-        min_support: usize,
-        out: &mut RegionProfile,
-    ) {
-        let Region { x: left, y: top, width, height, .. } = out.region;
-        for values in [
-            &mut out.nearest_px,
-            &mut out.median_px,
-            &mut out.spread_px,
-            &mut out.minimum_px,
-            &mut out.maximum_px,
-        ] {
-            values.clear();
-        }
-        out.count.clear();
-        let mut ranges_m = geometry.map(|_| out.nearest_range_m.take().unwrap_or_default());
-        if let Some(ranges_m) = &mut ranges_m {
-            ranges_m.clear();
-        }
-        let mut total_raw = 0;
-        for tile_left in (left..left + width).step_by(LANES) {
-            let tile_width = LANES.min(left + width - tile_left);
-            let counts = self.gather(disparity, tile_left, tile_width, top, height);
-            self.sorted.clone_from(&self.tile);
-            self.kernels.sort(&mut SortColumns { rows: &mut self.sorted });
-            let columns: [Sorted<'_>; LANES] =
-                std::array::from_fn(|lane| Sorted { rows: &self.sorted[..usize::from(counts[lane])], lane });
-            let supported: [Option<u16>; LANES] =
-                std::array::from_fn(|lane| columns[lane].nearest_supported(min_support));
-            // No disparity lies between the ends of a column without an answer.
-            let spans = supported.map(|raw| raw.map_or((1, 0), around));
-            let mean_rows = mean_rows(&self.tile, &spans.map(|(low, _)| low), &spans.map(|(_, high)| high));
-            total_raw += total(&self.tile);
-            for (lane, column) in columns[..tile_width].iter().enumerate() {
-                out.count.push(column.count() as u32);
-                out.minimum_px.push(column.minimum().map_or(f32::NAN, px));
-                out.maximum_px.push(column.maximum().map_or(f32::NAN, px));
-                let (median_px, spread_px) = column.median_and_spread_px();
-                out.median_px.push(median_px);
-                out.spread_px.push(spread_px);
-                out.nearest_px.push(supported[lane].map_or(f32::NAN, px));
-                if let (Some(geometry), Some(ranges_m)) = (geometry, &mut ranges_m) {
-                    ranges_m.push(supported[lane].map_or(f32::NAN, |raw| {
-                        let (x, y) = ((tile_left + lane) as f64, top as f64 + mean_rows[lane]);
-                        finite_range_m(geometry, f64::from(px(raw)), x, y) as f32
-                    }));
-                }
-            }
-        }
-        out.nearest_range_m = ranges_m;
-        out.total = total_raw as f64 / f64::from(DisparityMap::SCALE);
-    }
-
-    /// Fills the tile with up to [`LANES`] columns; returns how many values each has.
-    fn gather(
-        &mut self,
-        disparity: &DisparityMap,
-        left: usize,
-        width: usize,
-        top: usize,
-        height: usize,
-    ) -> Row {
-        let mut counts = [0; LANES];
-        self.tile.clear();
-        self.tile.resize(height, [NO_VALUE; LANES]);
-        for (y, row) in (top..).zip(&mut self.tile) {
-            let raws = &disparity.values.row(y)[left..left + width];
-            let bits = &disparity.validity.row(y)[left..left + width];
-            for (((value, count), &raw), &bits) in row.iter_mut().zip(&mut counts).zip(raws).zip(bits) {
-                let has_value = u16::from(Validity::has_value(bits));
-                // All ones, which is no value, where there is none.
-                *value = raw | has_value.wrapping_sub(1);
-                *count += has_value;
-            }
-        }
-        counts
+        let scene = Scene { tiles: &self.tiles, geometry, region: &out.region, params };
+        let image_size = (disparity.width(), disparity.height());
+        out.nearest = self.surface.nearest(&self.kernels, &scene, &self.u_disparity, image_size);
     }
 }
 
-/// Sum of the values of a tile, sixteenths.
-fn total(tile: &[Row]) -> u64 {
-    let of_row =
-        |row: &Row| -> u32 { row.iter().map(|&raw| if raw == NO_VALUE { 0 } else { u32::from(raw) }).sum() };
-    tile.iter().map(|row| u64::from(of_row(row))).sum()
-}
-
-/// Mean row, from the top of the tile, of each column's pixels of disparities `low..=high`; NaN of none.
-fn mean_rows(tile: &[Row], low: &Row, high: &Row) -> [f64; LANES] {
-    let (mut counts, mut sums) = ([0_u16; LANES], [0_u32; LANES]);
-    for (y, row) in (0_u16..).zip(tile) {
-        // All ones or all zeros.
-        let inside: Row = std::array::from_fn(|lane| {
-            0_u16.wrapping_sub(u16::from((row[lane] >= low[lane]) & (row[lane] <= high[lane])))
-        });
-        for ((count, sum), inside) in counts.iter_mut().zip(&mut sums).zip(inside) {
-            *count += inside & 1;
-            *sum += u32::from(inside & y);
-        }
-    }
-    std::array::from_fn(|lane| f64::from(sums[lane]) / f64::from(counts[lane]))
+fn set_valid_share(profile: &mut RegionProfile) {
+    let pixels = (profile.region.width * profile.region.height) as f64;
+    let unknown: f64 = profile.unknown.iter().map(|&n| f64::from(n)).sum();
+    profile.valid_share = (pixels - unknown) / pixels;
 }
 
 /// Counts disparities by the whole pixel they round to: two bins of half a pixel, one on either side.
 fn fill_histogram(u_disparity: &UDisparity, disparity: &DisparityMap, histogram: &mut Vec<u32>) {
     histogram.clear();
     histogram.resize(disparity.min_disparity + disparity.num_disparities, 0);
-    let counts = u_disparity.counts();
-    for (bin, row) in counts.rows().enumerate() {
-        let pixels: u32 = row.iter().map(|&n| u32::from(n)).sum();
+    for (bin, &pixels) in u_disparity.totals().iter().enumerate().filter(|(_, pixels)| **pixels > 0) {
         let rounded = bin.div_ceil(2);
-        if pixels > 0 && rounded >= histogram.len() {
+        if rounded >= histogram.len() {
             histogram.resize(rounded + 1, 0);
         }
-        if pixels > 0 {
-            histogram[rounded] += pixels;
-        }
+        histogram[rounded] += pixels;
     }
 }
 
@@ -336,92 +229,6 @@ fn count_unknown(disparity: &DisparityMap, region: &Region, unknown: &mut Vec<u3
         for (unknown, &bits) in unknown.iter_mut().zip(bits) {
             *unknown += u32::from(!Validity::has_value(bits));
         }
-    }
-}
-
-/// Disparities within ±1 px of one.
-fn around(raw: u16) -> (u16, u16) {
-    // Valid disparities end at 4095 px, below what stands for none.
-    (raw.saturating_sub(DisparityMap::SCALE), raw.saturating_add(DisparityMap::SCALE).min(NO_VALUE - 1))
-}
-
-/// The values of one column in ascending order.
-#[derive(Debug, Clone, Copy)]
-struct Sorted<'a> {
-    rows: &'a [Row],
-    lane: usize,
-}
-
-impl Sorted<'_> {
-    fn count(self) -> usize {
-        self.rows.len()
-    }
-
-    #[inline]
-    fn at(self, i: usize) -> u16 {
-        self.rows[i][self.lane]
-    }
-
-    fn minimum(self) -> Option<u16> {
-        self.rows.first().map(|row| row[self.lane])
-    }
-
-    fn maximum(self) -> Option<u16> {
-        self.rows.last().map(|row| row[self.lane])
-    }
-
-    /// The median, and `1.4826·median(|d - median|)`, px; NaN of none.
-    fn median_and_spread_px(self) -> (f32, f32) {
-        /// What makes a normal distribution's median deviation its standard deviation: `1/Φ⁻¹(3/4)`.
-        const PER_MEDIAN_DEVIATION: f32 = 1.482_602_2;
-        let count = self.count();
-        if count == 0 {
-            return (f32::NAN, f32::NAN);
-        }
-        let lower = count.div_ceil(2);
-        let median_doubled = u32::from(self.at(lower - 1)) + u32::from(self.at(count / 2));
-        let one = self.deviation_doubled(median_doubled, lower);
-        let other = if count % 2 == 1 { one } else { self.deviation_doubled(median_doubled, lower + 1) };
-        let scale = f32::from(DisparityMap::SCALE);
-        let deviation_px = (one + other) as f32 / (4.0 * scale);
-        (median_doubled as f32 / (2.0 * scale), PER_MEDIAN_DEVIATION * deviation_px)
-    }
-
-    /// Twice the deviation from the median that `taken` values do not exceed.
-    ///
-    /// Those are neighbours: of all windows of `taken`, the one whose ends deviate least. Moving it up, its lower end
-    /// comes nearer and its upper end goes away.
-    fn deviation_doubled(self, median_doubled: u32, taken: usize) -> u32 {
-        let below = |first: usize| median_doubled.saturating_sub(2 * u32::from(self.at(first)));
-        let above = |first: usize| (2 * u32::from(self.at(first + taken - 1))).saturating_sub(median_doubled);
-        let (mut low, mut high) = (0, self.count() - taken);
-        while low < high {
-            let middle = low.midpoint(high);
-            if below(middle) <= above(middle) {
-                high = middle;
-            } else {
-                low = middle + 1;
-            }
-        }
-        let of = |first: usize| below(first).max(above(first));
-        low.checked_sub(1).map_or(of(low), |before| of(low).min(of(before)))
-    }
-
-    /// The largest disparity that has enough support.
-    fn nearest_supported(self, min_support: usize) -> Option<u16> {
-        let mut high = self.count();
-        // For each candidate, from the largest down, all below `high` are at most 1 px larger.
-        for i in (0..self.count()).rev() {
-            let candidate = self.at(i);
-            let (least, most) = around(candidate);
-            while self.at(high - 1) > most {
-                high -= 1;
-            }
-            if high >= min_support && self.at(high - min_support) >= least {
-                return Some(candidate);
-            }
-        }
-        None
     }
 }
 

@@ -1,8 +1,9 @@
 //! How often each disparity occurs in each column of a region.
 
-use super::Region;
-use crate::image::{Image, ImageRef};
-use crate::matching::{DisparityMap, Validity};
+use super::tiles::Tiles;
+use crate::kernels::sort::LANES;
+use crate::kernels::tile::Row;
+use crate::matching::DisparityMap;
 
 /// The u-disparity histogram of a region in steps of half a pixel of disparity.
 ///
@@ -10,10 +11,13 @@ use crate::matching::{DisparityMap, Validity};
 /// the scatter of an upright surface, narrow enough that a level floor, whose disparity changes from row to row,
 /// leaves few pixels in it (see [`obstacles`](crate::obstacles)).
 ///
-/// Stored a bin to a row: neighbouring columns mostly see one disparity, so counting stays within few cache lines.
+/// Stored tile by tile, in each a bin to a row: what is counted stays in the nearest memory.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct UDisparity {
-    counts: Image<u16>,
+    counts: Vec<Row>,
+    bins: usize,
+    /// Pixels in each bin.
+    totals: Vec<u32>,
 }
 
 impl UDisparity {
@@ -26,33 +30,40 @@ impl UDisparity {
         usize::from(raw / Self::RAW_PER_BIN)
     }
 
-    /// The disparity in the middle of a bin, pixels.
-    pub fn center_px(bin: usize) -> f64 {
-        (bin as f64 + 0.5) * f64::from(Self::RAW_PER_BIN) / f64::from(DisparityMap::SCALE)
+    /// The disparity in the middle of a bin, pixels; bins may be a mean.
+    pub fn center_px(bin: f64) -> f64 {
+        (bin + 0.5) * f64::from(Self::RAW_PER_BIN) / f64::from(DisparityMap::SCALE)
     }
 
-    /// Counts the pixels of a region, which the caller has validated.
-    pub fn count(&mut self, disparity: &DisparityMap, region: &Region) {
-        let rows = region.y..region.y + region.height;
-        let columns = region.x..region.x + region.width;
-        let largest_of = |y| disparity.values.row(y)[columns.clone()].iter().copied().fold(0, u16::max);
-        let largest = rows.clone().map(largest_of).fold(0, u16::max);
-        self.counts.resize(region.width, Self::bin(largest) + 1);
-        self.counts.fill(0);
-        let width = region.width;
-        let counts = self.counts.as_mut_slice();
-        for y in rows {
-            let raws = &disparity.values.row(y)[columns.clone()];
-            let bits = &disparity.validity.row(y)[columns.clone()];
-            for (x, (&raw, &bits)) in raws.iter().zip(bits).enumerate() {
-                // At most 16 384 rows: no overflow.
-                counts[Self::bin(raw) * width + x] += u16::from(Validity::has_value(bits));
+    /// Counts the pixels of a region none of whose disparities exceeds `largest`.
+    pub fn count(&mut self, tiles: &Tiles, largest: u16) {
+        self.bins = Self::bin(largest) + 1;
+        // One bin more in each tile, for what has no value.
+        let stride = self.bins + 1;
+        self.counts.clear();
+        self.counts.resize(tiles.len() * stride, [0; LANES]);
+        self.totals.clear();
+        self.totals.resize(self.bins, 0);
+        for (number, counts) in self.counts.chunks_exact_mut(stride).enumerate() {
+            for row in tiles.tile(number) {
+                for (lane, &raw) in row.iter().enumerate() {
+                    // At most 16 384 rows: no overflow.
+                    counts[Self::bin(raw).min(stride - 1)][lane] += 1;
+                }
+            }
+            for (total, counts) in self.totals.iter_mut().zip(counts.iter()) {
+                *total += counts.iter().map(|&n| u32::from(n)).sum::<u32>();
             }
         }
     }
 
-    /// The counts: columns of the region along x, bins along y.
-    pub fn counts(&self) -> ImageRef<'_, u16> {
-        self.counts.view()
+    /// Pixels in each bin.
+    pub fn totals(&self) -> &[u32] {
+        &self.totals
+    }
+
+    /// A bin's counts of each tile.
+    pub fn of_bin(&self, bin: usize) -> impl Iterator<Item = &Row> {
+        self.counts.chunks_exact(self.bins + 1).map(move |counts| &counts[bin])
     }
 }
