@@ -136,7 +136,7 @@ fn gaussian_low_pass<'py>(
     let mut filtered = Image::default();
     let mut filter = plan(view.width(), view.height(), sigma, method)?;
     py.detach(|| filter.apply(view, &mut filtered)).or_raise()?;
-    Ok(image_array(py, &filtered))
+    Ok(given_array(py, filtered))
 }
 
 fn plan(width: usize, height: usize, sigma: f64, method: &str) -> PyResult<GaussianLowPass> {
@@ -167,7 +167,6 @@ fn plan(width: usize, height: usize, sigma: f64, method: &str) -> PyResult<Gauss
 #[pyclass(name = "GaussianLowPass", module = "epiline")]
 pub struct PyGaussianLowPass {
     filter: GaussianLowPass,
-    filtered: Image<f32>,
 }
 
 #[pymethods]
@@ -176,7 +175,7 @@ impl PyGaussianLowPass {
     #[pyo3(signature = (width, height, *, sigma, method = "auto"))]
     fn new(width: i64, height: i64, sigma: f64, method: &str) -> PyResult<Self> {
         let filter = plan(whole("width", width)?, whole("height", height)?, sigma, method)?;
-        Ok(Self { filter, filtered: Image::default() })
+        Ok(Self { filter })
     }
 
     /// Filters an image.
@@ -205,16 +204,19 @@ impl PyGaussianLowPass {
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let image = typed_image::<f32>("image", image, "float32")?;
         let view = image.view();
-        let Self { filter, filtered } = self;
-        py.detach(|| filter.apply(view, filtered)).or_raise()?;
-        let Some(out) = out else { return Ok(image_array(py, filtered)) };
-        let size = [filtered.height(), filtered.width()];
+        let filter = &mut self.filter;
+        let Some(out) = out else {
+            let mut filtered = Image::default();
+            py.detach(|| filter.apply(view, &mut filtered)).or_raise()?;
+            return Ok(given_array(py, filtered));
+        };
+        let size = [view.height(), view.width()];
         // Fails too where `out` is the image itself, which is borrowed.
         let mut taken = out
             .try_readwrite()
             .map_err(|error| PyValueError::new_err(format!("out: cannot be written: {error}")))?;
         match taken.as_slice_mut() {
-            Ok(pixels) if out.shape() == size => pixels.copy_from_slice(filtered.as_slice()),
+            Ok(pixels) if out.shape() == size => py.detach(|| filter.apply_to(view, pixels)).or_raise()?,
             _ => {
                 let message =
                     format!("out: expected a contiguous array of shape {size:?}, got {:?}", out.shape());

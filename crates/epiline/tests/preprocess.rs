@@ -3,7 +3,10 @@
 use std::f64::consts::TAU;
 
 use epiline::image::{Image, ImageRef};
-use epiline::kernels::weighted::WeightedRow;
+use epiline::kernels::lookup::LookupRow;
+use epiline::kernels::magnitude::MagnitudeRow;
+use epiline::kernels::transpose::Transpose;
+use epiline::kernels::weighted::{Group, SUMS, WeightedRows};
 use epiline::kernels::{Kernels, Level};
 use epiline::preprocess::{GaussianLowPass, equalize_histogram, grey_from_bgr};
 use proptest::prelude::*;
@@ -91,8 +94,8 @@ fn hard_images(width: usize, height: usize) -> Vec<Image<f32>> {
 #[test]
 fn sums_over_neighbours_are_the_frequency_domains_to_a_ten_thousandth() {
     let mut spatial = 0;
-    for (width, height) in [(320, 240), (640, 48), (97, 96), (256, 1), (2, 2), (360, 210)] {
-        for sigma in [0.3, 1.0, 2.5, 5.0, 8.0, 13.0, 20.0, 34.0, 60.0, 110.0, 400.0] {
+    for (width, height) in [(320, 240), (640, 48), (97, 96), (257, 1), (1, 83), (2, 2), (361, 211)] {
+        for sigma in [1e-9, 0.3, 1.0, 2.5, 5.0, 8.0, 13.0, 20.0, 34.0, 60.0, 110.0, 400.0] {
             let mut fast = GaussianLowPass::new(width, height, sigma).expect("legal");
             let mut reference = GaussianLowPass::in_frequency_domain(width, height, sigma).expect("legal");
             assert!(!reference.is_spatial());
@@ -108,7 +111,7 @@ fn sums_over_neighbours_are_the_frequency_domains_to_a_ten_thousandth() {
         }
     }
     assert!(spatial > 25, "only {spatial} filters were sums over neighbours");
-    for sigma in [2.0, 5.0, 10.0, 20.0, 40.0] {
+    for sigma in [1e-3, 2.0, 5.0, 10.0, 20.0, 40.0, 60.0] {
         assert!(GaussianLowPass::new(640, 480, sigma).expect("legal").is_spatial(), "sigma {sigma}");
     }
 }
@@ -116,23 +119,115 @@ fn sums_over_neighbours_are_the_frequency_domains_to_a_ten_thousandth() {
 #[test]
 fn weighted_sums_are_the_definition_at_every_level() {
     let mut random = noise(3);
-    for length in [1, 7, 15, 16, 33, 64, 100, 150] {
-        let pixels: Vec<f32> = (0..400).map(|_| (510.0 * random() - 255.0) as f32).collect();
-        let starts: Vec<usize> = (0..9).map(|_| (random() * (400 - length + 1) as f64) as usize).collect();
-        let weights: Vec<f32> = starts.iter().map(|_| (random() - 0.3) as f32).collect();
-        let mut expected = vec![0.0_f32; length];
-        for (i, sum) in expected.iter_mut().enumerate() {
-            for (&start, &weight) in starts.iter().zip(&weights) {
-                *sum += weight * pixels[start + i];
+    for width in [1, 7, 8, 15, 16, 33, 64, 100, 150, 321, 400] {
+        for sums in [1_usize, 3, 4, 9] {
+            let pixels: Vec<f32> = (0..1000).map(|_| (510.0 * random() - 255.0) as f32).collect();
+            let starts: Vec<usize> = (0..30).map(|_| (random() * (1001 - width) as f64) as usize).collect();
+            let groups: Vec<Group> = (0..sums.div_ceil(SUMS))
+                .map(|_| Group {
+                    first: (random() * 20.0) as usize,
+                    weights: (0..1 + (random() * 10.0) as usize)
+                        .map(|_| std::array::from_fn(|_| (random() - 0.3) as f32))
+                        .collect(),
+                })
+                .collect();
+            let (stride, guard) = (width + 5, 20);
+            let cells = (sums - 1) * stride + width;
+            let mut expected = vec![7.5_f32; cells + 2 * guard];
+            for i in 0..sums {
+                let Group { first, weights } = &groups[i / SUMS];
+                for x in 0..width {
+                    let mut sum = 0.0_f32;
+                    for (k, weights) in weights.iter().enumerate() {
+                        sum += weights[i % SUMS] * pixels[starts[first + k] + x];
+                    }
+                    expected[guard + i * stride + x] = sum;
+                }
+            }
+            for kernels in Level::available().map(Kernels::new) {
+                // Cells around the sums, and between them, keep what they hold.
+                let mut guarded = vec![7.5_f32; cells + 2 * guard];
+                let out = &mut guarded[guard..guard + cells];
+                let (pixels, starts, groups) = (&pixels, &starts, &groups);
+                kernels.weighted(&mut WeightedRows { pixels, starts, groups, width, out, stride });
+                assert!(guarded == expected, "{}, {sums} sums of {width} pixels", kernels.level().name());
             }
         }
+    }
+}
+
+#[test]
+#[should_panic(expected = "rows inside the pixels")]
+fn weighted_sums_of_pixels_beyond_the_last_are_refused() {
+    let groups = [Group { first: 0, weights: vec![[1.0; SUMS]] }];
+    let mut out = [0.0; 4];
+    Kernels::new(Level::best()).weighted(&mut WeightedRows {
+        pixels: &[0.0; 4],
+        starts: &[1],
+        groups: &groups,
+        width: 4,
+        out: &mut out,
+        stride: 4,
+    });
+}
+
+#[test]
+fn rows_become_columns_at_every_level() {
+    for (width, height) in [(1, 1), (5, 3), (8, 8), (16, 16), (17, 33), (40, 9), (31, 47), (64, 32)] {
+        let (rows_stride, columns_stride) = (width + 3, height + 2);
+        let rows: Vec<f32> = (0..rows_stride * height).map(|i| i as f32).collect();
         for kernels in Level::available().map(Kernels::new) {
-            // Guard cells on either side keep what they hold.
-            let mut guarded = vec![7.5_f32; length + 40];
-            let out = &mut guarded[20..20 + length];
-            kernels.weighted(&mut WeightedRow { pixels: &pixels, starts: &starts, weights: &weights, out });
-            assert_eq!(guarded[20..20 + length], expected, "{}, {length} pixels", kernels.level().name());
-            assert!(guarded[..20].iter().chain(&guarded[20 + length..]).all(|&cell| cell == 7.5));
+            let mut columns = vec![-1.0_f32; columns_stride * width + 1];
+            let columns_out = &mut columns;
+            let call = &mut Transpose {
+                rows: &rows,
+                rows_stride,
+                columns: columns_out,
+                columns_stride,
+                width,
+                height,
+            };
+            kernels.transpose(call);
+            for (i, &value) in columns.iter().enumerate() {
+                let (x, y) = (i / columns_stride, i % columns_stride);
+                let expected = if x < width && y < height { (y * rows_stride + x) as f32 } else { -1.0 };
+                assert!(value == expected, "{}, {width}x{height}: ({x}, {y})", kernels.level().name());
+            }
+        }
+    }
+}
+
+#[test]
+fn the_largest_magnitude_is_found_at_every_level() {
+    let mut random = noise(5);
+    for length in [1, 15, 16, 70, 300] {
+        for special in [None, Some(-400.0), Some(f32::INFINITY), Some(f32::NAN), Some(-f32::NAN)] {
+            let mut pixels: Vec<f32> = (0..length).map(|_| (510.0 * random() - 255.0) as f32).collect();
+            if let Some(special) = special {
+                pixels[(random() * length as f64) as usize] = special;
+            }
+            let expected = pixels.iter().map(|pixel| pixel.abs()).max_by(f32::total_cmp).expect("some");
+            for kernels in Level::available().map(Kernels::new) {
+                let mut row = MagnitudeRow { pixels: &pixels, largest: 1 };
+                kernels.magnitude(&mut row);
+                assert_eq!(row.largest, expected.to_bits(), "{}, {length} pixels", kernels.level().name());
+            }
+        }
+    }
+}
+
+#[test]
+fn levels_are_looked_up_at_every_level() {
+    let mut random = noise(6);
+    let table: [u8; 256] = std::array::from_fn(|_| (256.0 * random()) as u8);
+    for length in [0, 1, 31, 32, 63, 64, 65, 200, 1000] {
+        let levels: Vec<u8> = (0..length).map(|i| (i * 37 + length) as u8).collect();
+        for kernels in Level::available().map(Kernels::new) {
+            let mut guarded = vec![9; length + 2];
+            kernels.lookup(&mut LookupRow { table: &table, levels: &levels, out: &mut guarded[1..=length] });
+            let expected: Vec<u8> = levels.iter().map(|&level| table[usize::from(level)]).collect();
+            assert_eq!(guarded[1..=length], expected, "{}, {length} pixels", kernels.level().name());
+            assert_eq!((guarded[0], guarded[length + 1]), (9, 9));
         }
     }
 }
@@ -151,6 +246,9 @@ fn low_pass_refuses_what_it_cannot_filter() {
     let other = Image::<f32>::new(3, 4);
     let message = filter.apply(other.view(), &mut filtered).expect_err("another size").to_string();
     assert!(message.contains("3x4 px") && message.contains("4x3 px"), "{message}");
+    let message =
+        filter.apply_to(Image::new(4, 3).view(), &mut [0.0; 11]).expect_err("too small").to_string();
+    assert!(message.contains("12 elements") && message.contains("11"), "{message}");
     for bad in [f32::NAN, f32::INFINITY, 1e31] {
         let mut image = Image::<f32>::new(4, 3);
         image.row_mut(2)[1] = bad;

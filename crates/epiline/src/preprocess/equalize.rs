@@ -1,6 +1,8 @@
 //! Histogram equalisation.
 
 use crate::image::{Image, ImageRef};
+use crate::kernels::lookup::LookupRow;
+use crate::kernels::{Kernels, Level};
 
 const MAX_LEVEL: u64 = 255;
 
@@ -12,12 +14,11 @@ const MAX_LEVEL: u64 = 255;
 /// OpenCV's `equalizeHist` leaves the pixels of the darkest occupied level out of the sum: there that level becomes
 /// 0 and an image of one level stays as it is, here the first becomes its own share of 255 and the second white.
 pub fn equalize_histogram(src: ImageRef<'_, u8>, dst: &mut Image<u8>) {
+    let kernels = Kernels::new(Level::current());
     let table = transfer_table(&histogram(src));
     dst.resize(src.width(), src.height());
-    for (y, row) in src.rows().enumerate() {
-        for (q, &w) in dst.row_mut(y).iter_mut().zip(row) {
-            *q = table[usize::from(w)];
-        }
+    for (y, levels) in src.rows().enumerate() {
+        kernels.lookup(&mut LookupRow { table: &table, levels, out: dst.row_mut(y) });
     }
 }
 

@@ -10,6 +10,11 @@ use crate::kernels::{Kernels, Level};
 pub fn grey_from_bgr(src: ImageRef<'_, [u8; 3]>, dst: &mut Image<u8>) {
     let kernels = Kernels::new(Level::current());
     dst.resize(src.width(), src.height());
+    if src.stride() == src.width() {
+        // One long row, which ends once.
+        let bgr = &src.elements_from(0, 0)[..dst.as_slice().len()];
+        return kernels.grey(&mut GreyRow { bgr, grey: dst.as_mut_slice() });
+    }
     for (y, bgr) in src.rows().enumerate() {
         kernels.grey(&mut GreyRow { bgr, grey: dst.row_mut(y) });
     }

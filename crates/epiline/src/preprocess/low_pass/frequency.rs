@@ -6,6 +6,8 @@ use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
 use crate::image::{Image, ImageRef};
+use crate::kernels::Kernels;
+use crate::kernels::transpose::Transpose;
 
 /// `h(k) = exp(-k² / 2σ²)`.
 pub(super) fn response(k: usize, sigma: f64) -> f64 {
@@ -30,18 +32,18 @@ impl FrequencyFilter {
         }
     }
 
-    /// Both images have the filter's size.
-    pub fn apply(&mut self, src: ImageRef<'_, f32>, dst: &mut Image<f32>) {
-        for (y, row) in src.rows().enumerate() {
-            let filtered = dst.row_mut(y);
+    /// The image has the filter's size; `dst` holds its rows one after the other.
+    pub fn apply(&mut self, kernels: &Kernels, src: ImageRef<'_, f32>, dst: &mut [f32]) {
+        let (width, height) = (src.width(), src.height());
+        for (row, filtered) in src.rows().zip(dst.chunks_exact_mut(width)) {
             filtered.copy_from_slice(row);
             self.along_rows.apply(filtered);
         }
-        transpose(dst, &mut self.transposed);
-        for x in 0..self.transposed.height() {
+        transpose(kernels, dst, self.transposed.as_mut_slice(), width);
+        for x in 0..width {
             self.along_columns.apply(self.transposed.row_mut(x));
         }
-        transpose(&self.transposed, dst);
+        transpose(kernels, self.transposed.as_slice(), dst, height);
     }
 }
 
@@ -75,18 +77,15 @@ impl LineFilter {
     }
 }
 
-/// `dst[(y, x)] = src[(x, y)]`, in tiles that stay in the cache.
-fn transpose(src: &Image<f32>, dst: &mut Image<f32>) {
-    const TILE: usize = 16;
-    let (width, height) = (src.width(), src.height());
-    for top in (0..height).step_by(TILE) {
-        for left in (0..width).step_by(TILE) {
-            for x in left..(left + TILE).min(width) {
-                let column = &mut dst.row_mut(x)[top..(top + TILE).min(height)];
-                for (value, y) in column.iter_mut().zip(top..) {
-                    *value = src.row(y)[x];
-                }
-            }
-        }
-    }
+/// Rows of `width` values to columns.
+fn transpose(kernels: &Kernels, rows: &[f32], columns: &mut [f32], width: usize) {
+    let height = rows.len() / width;
+    kernels.transpose(&mut Transpose {
+        rows,
+        rows_stride: width,
+        columns,
+        columns_stride: height,
+        width,
+        height,
+    });
 }

@@ -1,10 +1,13 @@
 //! Gaussian low-pass, eq. 7 of the paper: as written, in the frequency domain, and as sums over neighbours.
 
+mod bands;
 mod frequency;
 mod spatial;
 
 use crate::error::{Error, Result};
 use crate::image::{Image, ImageRef, check_sides};
+use crate::kernels::magnitude::MagnitudeRow;
+use crate::kernels::{Kernels, Level};
 use frequency::FrequencyFilter;
 use spatial::SpatialFilter;
 
@@ -24,6 +27,7 @@ const MAX_MAGNITUDE: f32 = 1e30;
 pub struct GaussianLowPass {
     width: usize,
     height: usize,
+    kernels: Kernels,
     way: Way,
 }
 
@@ -44,7 +48,7 @@ impl GaussianLowPass {
     pub fn new(width: usize, height: usize, sigma: f64) -> Result<Self> {
         check(width, height, sigma)?;
         match SpatialFilter::new(width, height, sigma) {
-            Some(filter) => Ok(Self { width, height, way: Way::Spatial(Box::new(filter)) }),
+            Some(filter) => Ok(Self::by(width, height, Way::Spatial(Box::new(filter)))),
             None => Self::in_frequency_domain(width, height, sigma),
         }
     }
@@ -56,7 +60,11 @@ impl GaussianLowPass {
     /// As [`new`](Self::new).
     pub fn in_frequency_domain(width: usize, height: usize, sigma: f64) -> Result<Self> {
         check(width, height, sigma)?;
-        Ok(Self { width, height, way: Way::Frequency(Box::new(FrequencyFilter::new(width, height, sigma))) })
+        Ok(Self::by(width, height, Way::Frequency(Box::new(FrequencyFilter::new(width, height, sigma)))))
+    }
+
+    fn by(width: usize, height: usize, way: Way) -> Self {
+        Self { width, height, kernels: Kernels::new(Level::current()), way }
     }
 
     /// Whether it works by sums over neighbours.
@@ -71,6 +79,16 @@ impl GaussianLowPass {
     /// [`Error::SizeMismatch`] unless `src` has the filter's size; [`Error::InvalidParameter`] if a pixel is not
     /// finite (one such pixel would spread over the whole image) or beyond 1e30.
     pub fn apply(&mut self, src: ImageRef<'_, f32>, dst: &mut Image<f32>) -> Result<()> {
+        dst.resize(self.width, self.height);
+        self.apply_to(src, dst.as_mut_slice())
+    }
+
+    /// Filters `src` into `dst`, which holds the rows one after the other.
+    ///
+    /// # Errors
+    ///
+    /// As [`apply`](Self::apply); [`Error::BufferTooSmall`] unless `dst` has width times height elements.
+    pub fn apply_to(&mut self, src: ImageRef<'_, f32>, dst: &mut [f32]) -> Result<()> {
         if (src.width(), src.height()) != (self.width, self.height) {
             return Err(Error::SizeMismatch {
                 first: "image",
@@ -81,20 +99,30 @@ impl GaussianLowPass {
                 second_height: self.height,
             });
         }
-        let refused = |value: &f32| value.is_nan() || value.abs() > MAX_MAGNITUDE;
+        let (width, height) = (self.width, self.height);
+        if dst.len() != width * height {
+            let (needed, actual) = (width * height, dst.len());
+            return Err(Error::BufferTooSmall { name: "dst", width, height, stride: width, needed, actual });
+        }
+        self.check_pixels(src)?;
+        match &mut self.way {
+            Way::Frequency(filter) => filter.apply(&self.kernels, src, dst),
+            Way::Spatial(filter) => filter.apply(&self.kernels, src, dst),
+        }
+        Ok(())
+    }
+
+    fn check_pixels(&self, src: ImageRef<'_, f32>) -> Result<()> {
         for (y, row) in src.rows().enumerate() {
-            // Counted first: that can use vectors, a search cannot.
-            if row.iter().map(|value| u32::from(refused(value))).sum::<u32>() > 0 {
-                let x = row.iter().position(refused).expect("counted above");
+            let mut magnitude = MagnitudeRow { pixels: row, largest: 0 };
+            self.kernels.magnitude(&mut magnitude);
+            if magnitude.largest > MAX_MAGNITUDE.to_bits() {
+                let refused = |value: &f32| value.is_nan() || value.abs() > MAX_MAGNITUDE;
+                let x = row.iter().position(refused).expect("one of them is the largest");
                 let value = format!("{:e} at ({x}, {y})", row[x]);
                 let expected = format!("every pixel must lie within plus or minus {MAX_MAGNITUDE:e}");
                 return Err(Error::invalid("image", value, expected));
             }
-        }
-        dst.resize(self.width, self.height);
-        match &mut self.way {
-            Way::Frequency(filter) => filter.apply(src, dst),
-            Way::Spatial(filter) => filter.apply(src, dst),
         }
         Ok(())
     }
