@@ -49,14 +49,20 @@ pub struct PipelineParams {
 }
 
 impl PipelineParams {
-    /// The default for images of this width: every test of the matcher on and no costs from half the resolution, which
-    /// answer where a window sees nothing, since an obstacle that is not there costs more than a pixel without an answer;
-    /// and a sixth of the width searched (in steps of 16 px).
+    const BLOCK_SIZE: usize = 9;
+    /// Grey levels of clipped x-Sobel.
+    const TEXTURE_PER_PIXEL: u32 = 8;
+
+    /// The default for images of this width: every test of the matcher on, and costs from half the resolution counted for
+    /// less than a matcher by itself does, and not where a window sees next to nothing: their answers there are what
+    /// obstacles that are none are made of, but without them a street has no ground. A sixth of the width is searched
+    /// (in steps of 16 px).
     pub fn for_width(width: usize) -> Self {
         let matcher = MatcherParams {
             num_disparities: Self::default_disparities(width),
-            block_size: 9,
-            coarse_weight: 0,
+            block_size: Self::BLOCK_SIZE,
+            coarse_weight: 2,
+            texture_threshold: Self::TEXTURE_PER_PIXEL * (Self::BLOCK_SIZE * Self::BLOCK_SIZE) as u32,
             ..MatcherParams::with_all_tests()
         };
         Self {
