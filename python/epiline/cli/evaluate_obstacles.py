@@ -34,14 +34,18 @@ _RANGES = {
     "within_2": "2 sigma %",
 }
 _TRACKS = {f"track_{name}": title for name, title in (_FOUND | _RANGES).items()} | {"track_switches": "id switches"}
-_FLOOR = {"ground_found": "ground found %"}
-for _name, _title in (("height", "height bias %"), ("pitch", "pitch bias deg"), ("roll", "roll bias deg")):
-    _FLOOR |= {
-        f"{_name}_bias": _title,
-        f"{_name}_p95": "95th",
-        f"{_name}_within_1": "1 sigma %",
-        f"{_name}_within_2": "2 sigma %",
-    }
+_FLOOR = {
+    "ground_found": "ground found %",
+    "height_bias": "height bias %",
+    "height_p95": "95th",
+    "pitch_bias": "pitch bias deg",
+    "pitch_p95": "95th",
+    "roll_bias": "roll bias deg",
+    "roll_p95": "95th",
+}
+_FLOOR_SIGMAS = {
+    f"{name}_within_{count}": f"{name} {count} sigma %" for name in ("height", "pitch", "roll") for count in (1, 2)
+}
 _SCAN = {
     "scan_missed": "missed %",
     "scan_misled": "misled %",
@@ -121,6 +125,7 @@ def _score_courses(args: argparse.Namespace, entry: Entry) -> None:
         ("their ranges; the nearest ranges of regions", _RANGES),
         ("confirmed tracks, scored as obstacles are", _TRACKS),
         ("the ground", _FLOOR),
+        ("how often it is within its sigmas", _FLOOR_SIGMAS),
         ("the scan over it", _SCAN),
     ):
         print_table(title, ("", *columns.values()), [(name, *_figures(tally, columns)) for name, tally in rows])

@@ -69,8 +69,9 @@ impl BendFinder {
         let mut bend = Bend::NONE;
         for round in ROUNDS {
             let plane = fitted.plane;
-            self.rows.clear();
             let rows = &mut self.rows;
+            rows.clear();
+            rows.reserve(samples.rows.len());
             let sums =
                 Sums::over(&plane, bend, samples, round.step, round.width_px(sigma_px), |sums, at_px| {
                     // Near the horizon nothing can be told apart from what is far.
