@@ -6,7 +6,7 @@
 //! plane  = disparity over column and row, fitted to the seed's pixels
 //! repeat: extend left and right while columns hold pixels of the plane; fit again
 //! look closer: fit to the near end alone
-//! answer = the range on the plane that as many of its pixels as are demanded for support reach
+//! answer = the range on the plane that a third as many of its pixels as are demanded for support reach
 //! ```
 //!
 //! Where the image ends, a matcher's window is cut, and answers for what is inside: the disparities of a floor's last rows
@@ -48,6 +48,9 @@ pub struct NearestSurface {
 
 /// A surface needs this many times a column's support.
 const SURFACE_SUPPORT: usize = 10;
+/// Of the pixels that make a surface, one in so many must be as near as its nearest point: on a fitted plane pixels are
+/// in order without noise, and the more are asked for the farther that point is.
+const SUPPORT_PER_PLACE: usize = 3;
 /// How far a window's mean disparity may be off its surface's, px.
 const WINDOW_ERROR_PX: f64 = 0.5;
 /// How much disparity the near end of a surface spans, px.
@@ -280,7 +283,14 @@ impl SurfaceFinder {
             // Few pixels say little about slopes: those of the surface stay unless its near end clearly has others.
             let (plane, _) = self.fit(kernels, scene, &look, &plane, columns.clone())?;
             let whole = self.whole.clone();
-            self.nearest_point(kernels, scene, &Look { plane, ..look }, columns, &whole, support)
+            self.nearest_point(
+                kernels,
+                scene,
+                &Look { plane, ..look },
+                columns,
+                &whole,
+                support.div_ceil(SUPPORT_PER_PLACE),
+            )
         })
     }
 
