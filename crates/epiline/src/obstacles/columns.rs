@@ -11,8 +11,6 @@ const SCATTER: usize = 2;
 const TAIL: usize = 3;
 /// The leading bin has at least so many tenths of the pixels of the fullest of them.
 const LEADING_TENTHS: usize = 7;
-/// Bins beside one in which an upright surface has no pixels any more, and a plane has as many.
-const BESIDE: usize = 3;
 /// Where no ground is known, a level plane no farther than this over or under the camera is a ceiling or a floor, metres.
 const HIGHEST_M: f64 = 4.0;
 
@@ -91,7 +89,7 @@ impl ColumnReader {
                 if count + beside[0].max(beside[1]) < needed {
                     continue;
                 }
-                if !has_ground && is_level(cells, column, bin, level_px) {
+                if !has_ground && cells.lean_px(column, around(bin)).abs() > level_px {
                     continue;
                 }
                 match self.open[column] {
@@ -107,15 +105,6 @@ impl ColumnReader {
         }
         self.stretches.sort_unstable_by_key(|stretch| (stretch.column, std::cmp::Reverse(stretch.near)));
     }
-}
-
-/// Whether what a column sees in a bin goes on beside it, and rows and disparities go together as on a level plane.
-fn is_level(cells: &Cells, column: usize, bin: usize, level_px: f64) -> bool {
-    let window = |bin: usize| -> usize {
-        (bin.saturating_sub(1)..=bin + 1).map(|bin| cells.count_at(column, bin)).sum()
-    };
-    let beside = window(bin + BESIDE).max(bin.checked_sub(BESIDE).map_or(0, window));
-    2 * beside >= window(bin) && cells.lean_px(column, around(bin)).abs() > level_px
 }
 
 /// The bins in which a surface has its pixels whose disparities are mostly in one of them.

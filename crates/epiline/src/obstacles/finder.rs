@@ -30,6 +30,8 @@ use crate::regions::Region;
 
 /// Columns from one peak to the next it may touch: one column may be missing between them.
 const COLUMN_REACH: usize = 2;
+/// The same without a ground, where the foot of a thing, which blends into a floor, may make columns seem to lean.
+const COLUMN_REACH_UPRIGHT: usize = 6;
 /// Bins of half a pixel that stretches may be apart and still touch, whatever that is in metres.
 const BIN_REACH: usize = 2;
 /// A part of fewer columns is a sliver if this many columns beside it there is something nearer.
@@ -138,7 +140,8 @@ impl ObstacleFinder {
         self.cells.count(disparity, &self.standing, largest);
         self.columns.read(&self.cells, geometry, ground.is_some(), params, &mut self.peaks);
         self.list_columns(disparity.width());
-        for distance in 1..=COLUMN_REACH {
+        let reach = if ground.is_some() { COLUMN_REACH } else { COLUMN_REACH_UPRIGHT };
+        for distance in 1..=reach {
             self.link_peaks(distance, geometry, params);
         }
         for first in 0..self.peaks.len() {
