@@ -16,6 +16,7 @@ from epiline.cli import main
 from epiline.evaluation import load_scenes
 from epiline.evaluation.obstacles.columns import column_methods, nearest_supported_px, score_columns
 from epiline.evaluation.obstacles.regions import compare, range_reached
+from epiline.evaluation.obstacles.road import compare_road
 
 NAN = float("nan")
 
@@ -90,6 +91,34 @@ def test_the_truth_is_where_enough_of_its_points_are() -> None:
     assert np.isnan(range_reached(ranges[-1:], 1))
 
 
+def test_what_stands_on_a_road_is_found_and_what_does_not_is_false() -> None:
+    """A car-sized box 12 m ahead on a road 1.6 m below the camera, before nothing."""
+    geometry = ep.RectifiedGeometry(width=640, height=240, focal_px=400, cx_px=319.5, cy_px=99.5, baseline_m=0.5)
+    fall = (np.arange(240)[:, None] - geometry.cy_px) / geometry.focal_px * np.ones((1, 640))
+    with np.errstate(divide="ignore"):
+        road = np.where(fall > 0.03, 200.0 * fall / 1.6, NAN)
+    box = np.s_[105:153, 280:360]
+    truth = road.copy()
+    truth[box] = 200 / 12
+    right = compare_road(a_map(truth), truth, geometry)
+    assert right.asked == right.found == 10
+    assert (right.false, right.grounds) == (0, 1)
+    assert right.judged >= 1
+    # A box that the laser does not see, and one that only the laser sees.
+    wrong = compare_road(a_map(truth), road, geometry)
+    assert wrong.asked == 0
+    assert wrong.false == wrong.judged >= 1
+    missed = compare_road(a_map(road), truth, geometry)
+    assert (missed.asked, missed.found, missed.judged) == (10, 0, 0)
+    # At a wrong depth it is neither found nor real.
+    off = truth.copy()
+    off[box] = 200 / 8
+    displaced = compare_road(a_map(off), truth, geometry)
+    assert displaced.found == 0
+    assert displaced.false == displaced.judged >= 1
+    assert (right + displaced).figures()["found"] == 50
+
+
 def test_regions_of_a_map_against_its_truth() -> None:
     geometry = ep.RectifiedGeometry(width=320, height=240, focal_px=300, cx_px=159.5, cy_px=119.5, baseline_m=0.5)
     truth = np.full((240, 320), 20.0)
@@ -134,10 +163,12 @@ def test_the_verb_on_photographs(data: Path, capsys: pytest.CaptureFixture[str])
     assert main([*arguments, "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert {row["method"] for row in report["columns"]} >= {"StereoBM, u-disparity", "fast, u-disparity"}
-    assert {row["scenes"] for row in report["regions"]} == {"all 1, as it is", "all 1, less the offset"}
+    regions = {f"all 1, {offset}{of}" for offset in ("as it is", "less the offset") for of in ("", ", seen")}
+    assert {row["scenes"] for row in report["regions"]} == regions
+    assert [(row["method"], row["grounds"]) for row in report["road"]] == [("fast", 1)]
     assert main([*arguments, "--csv"]) == 0
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
-    assert {row["table"] for row in rows} == {"columns", "regions"}
+    assert {row["table"] for row in rows} == {"columns", "road", "regions"}
     assert main(arguments) == 0
     assert "nearest return of each column, 1 scenes" in capsys.readouterr().out
     assert main(["evaluate", "--obstacles", str(data), "--scenes", "eth3d"]) == 1

@@ -14,6 +14,7 @@ from epiline.cli.tables import table_as_csv
 
 if TYPE_CHECKING:
     from epiline.evaluation import Scene
+    from epiline.evaluation.settings import Setting
 
 _PRESETS = ("fast", "balanced", "accurate")
 Row = tuple[str, str, dict[str, float]]
@@ -37,7 +38,9 @@ def run(args: argparse.Namespace) -> None:
         if dense:
             tables["columns"] = _columns(dense, presets, args.threads, advance)
         if laser:
-            tables["regions"] = _regions(laser, presets, args.threads, advance)
+            settings = _settings(args.preset)
+            tables["road"] = _road(laser, settings, args.threads, advance)
+            tables["regions"] = _regions(laser, settings, args.threads, advance)
         if drives:
             tables["ground"] = _grounds(drives, presets, args.threads, advance)
     _print(args, tables, len(dense), len(laser))
@@ -92,17 +95,47 @@ def _columns(
     return rows
 
 
-def _regions(
-    scenes: Sequence[Scene], presets: tuple[str, ...], threads: int | None, advance: Callable[[], object]
-) -> list[Row]:
-    from epiline.evaluation.obstacles.regions import score_regions
+def _settings(presets: Sequence[str] | None) -> list[Setting]:
+    """The presets asked for; by default the pipeline's own matcher and all presets."""
+    from epiline._core import Pipeline, RectifiedGeometry
     from epiline.evaluation.settings import Setting
 
+    chosen = [Setting(preset, {"preset": preset}) for preset in presets or _PRESETS]
+    if presets:
+        return chosen
+    any_rig = RectifiedGeometry(width=640, height=480, focal_px=500, cx_px=320, cy_px=240, baseline_m=0.1)
+    own = dict(Pipeline(any_rig, ground=False).matcher_parameters)
+    # These are the scene's and the caller's.
+    del own["num_disparities"], own["threads"]
+    return [Setting("the pipeline's own", own), *chosen]
+
+
+def _road(
+    scenes: Sequence[Scene], settings: Sequence[Setting], threads: int | None, advance: Callable[[], object]
+) -> list[Row]:
+    from epiline.evaluation.obstacles.road import score_road
+
     rows: list[Row] = []
-    for preset in presets:
+    for setting in settings:
         frames = []
         for scene in scenes:
-            frames.append(score_regions(scene, Setting(preset, {"preset": preset}), threads))
+            frames.append(score_road(scene, setting, threads))
+            advance()
+        for group, members in _halves(frames):
+            rows.append((setting.name, group, sum(members[1:], members[0]).figures()))
+    return rows
+
+
+def _regions(
+    scenes: Sequence[Scene], settings: Sequence[Setting], threads: int | None, advance: Callable[[], object]
+) -> list[Row]:
+    from epiline.evaluation.obstacles.regions import score_regions
+
+    rows: list[Row] = []
+    for setting in settings:
+        frames = []
+        for scene in scenes:
+            frames.append(score_regions(scene, setting, threads))
             advance()
         for group, members in _halves(frames):
             counts = {
@@ -117,8 +150,8 @@ def _regions(
             ):
                 errors = [sample.error for sample in samples]
                 on_seen = [error for error, flag in zip(errors, seen, strict=True) if flag]
-                rows.append((preset, f"{group}, {name}", {**_errors(errors), **counts}))
-                rows.append((preset, f"{group}, {name}, seen", {**_errors(on_seen), **counts}))
+                rows.append((setting.name, f"{group}, {name}", {**_errors(errors), **counts}))
+                rows.append((setting.name, f"{group}, {name}, seen", {**_errors(on_seen), **counts}))
     return rows
 
 
@@ -162,6 +195,7 @@ def _print(args: argparse.Namespace, tables: dict[str, list[Row]], dense: int, l
         return
     titles = {
         "columns": f"nearest return of each column, {dense} scenes: off by more than 2 px, % of columns",
+        "road": f"obstacles up to 25 m on streets, {laser} frames",
         "regions": f"nearest range of regions, {laser} frames: error %",
         "ground": "the ground over a drive: how far frames are from its median; height %, angles in degrees",
     }

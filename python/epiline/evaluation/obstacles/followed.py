@@ -31,11 +31,11 @@ class Followed:
         self._track_of: dict[int, int | None] = {}
 
     def add(self, tracks: Iterable[Track], truth: FrameTruth) -> None:
-        """Scores the confirmed ones of a frame's tracks, those not seen in this frame among them."""
+        """Scores the confirmed ones of a frame's tracks that are seen in it: of others no columns are known."""
         self._seen += 1
         if self._seen <= FIRST_FRAME:
             return
-        score = score_frame([Report.of_track(track) for track in tracks if track.confirmed], truth, self._rules)
+        score = score_frame([Report.of_track(track) for track in tracks if track.confirmed and track.misses == 0], truth, self._rules)
         self.frames.append(score)
         for asked, finders in zip(score.found, score.finders, strict=True):
             before = self._track_of.get(asked.object_id)

@@ -77,8 +77,13 @@ def region_boxes(width: int, height: int) -> Iterator[Region]:
 def score_regions(scene: Scene, setting: Setting, threads: int | None) -> FrameRanges:
     """The regions of one frame with a laser's truth."""
     disparity = setting.map(scene.left, scene.right, scene.num_disparities, threads)
+    return compare(disparity, np.asarray(scene.truth, float), kitti_geometry(scene))
+
+
+def kitti_geometry(scene: Scene) -> RectifiedGeometry:
+    """That of a frame of KITTI 2015."""
     height, width = scene.truth.shape
-    geometry = RectifiedGeometry(
+    return RectifiedGeometry(
         width=width,
         height=height,
         focal_px=_FOCAL_PX,
@@ -86,7 +91,6 @@ def score_regions(scene: Scene, setting: Setting, threads: int | None) -> FrameR
         cy_px=(height - 1) / 2,
         baseline_m=_BASELINE_M,
     )
-    return compare(disparity, np.asarray(scene.truth, float), geometry)
 
 
 def compare(disparity: DisparityMap, truth: Floats, geometry: RectifiedGeometry) -> FrameRanges:
