@@ -35,7 +35,9 @@ class Followed:
         self._seen += 1
         if self._seen <= FIRST_FRAME:
             return
-        score = score_frame([Report.of_track(track) for track in tracks if track.confirmed and track.misses == 0], truth, self._rules)
+        score = score_frame(
+            [Report.of_track(track) for track in tracks if track.confirmed and track.misses == 0], truth, self._rules
+        )
         self.frames.append(score)
         for asked, finders in zip(score.found, score.finders, strict=True):
             before = self._track_of.get(asked.object_id)
