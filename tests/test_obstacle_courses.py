@@ -158,6 +158,16 @@ def test_the_pipeline_is_scored_and_its_regions_with_it() -> None:
     assert blank.figures()["regions"] == 0
 
 
+def test_single_parameters_change_the_pipelines_own_matcher_and_presets_replace_it() -> None:
+    calibration = calibration_of(course("boxes", "check", 0, SMALL, 1).rig().truth)
+    own = Entry("own").pipeline_for(calibration, 320).matcher_parameters
+    changed = Entry("changed", {"threads": 1, "speckle_size": 7}).pipeline_for(calibration, 320).matcher_parameters
+    assert changed == {**own, "threads": 1, "speckle_size": 7}
+    preset = Entry("preset", {"preset": "fast"}).pipeline_for(calibration, 320).matcher_parameters
+    assert preset == ep.StereoMatcher(preset="fast", num_disparities=own["num_disparities"]).parameters
+    assert preset["block_size"] != own["block_size"]
+
+
 def test_its_confirmed_tracks_are_scored_too() -> None:
     figures = evaluate_course(course("boxes", "check", 0, SMALL, 8), Entry("the pipeline's own")).figures()
     assert figures["track_frames"] == 6

@@ -62,8 +62,8 @@ def test_ranges_need_a_geometry_and_follow_it() -> None:
     rays = np.sqrt(1 + ((np.arange(80) - 39.5) / 100) ** 2)
     np.testing.assert_allclose(profile.nearest_range_m, 2 * rays, rtol=1e-6)
     assert profile.range_m == pytest.approx(2, rel=1e-3)
-    # Of 1600 pixels: a surface keeps 0.6 of a disparity's variance, and 60 of its pixels as much again.
-    assert profile.sigma_m == pytest.approx(4 * 0.25 * np.sqrt(0.6 + 60 / 1600) / 20, rel=1e-3)
+    # Of 1600 pixels: a surface keeps half of a disparity's variance, and 60 of its pixels as much again.
+    assert profile.sigma_m == pytest.approx(4 * 0.25 * np.sqrt(0.5 + 60 / 1600) / 20, rel=1e-3)
     assert profile.nearest_disparity_px == pytest.approx(10)
     assert profile.support == 1600
     assert profile.nearest_at is not None

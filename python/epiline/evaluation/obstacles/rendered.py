@@ -47,8 +47,11 @@ class Entry:
         """The pipeline for cameras of that width."""
         given: dict[str, Any] = {"tracker": Tracker(), **(self.pipeline or {})}
         if self.matcher is not None:
+            # A preset or a method starts from its own defaults.
+            chosen = self.matcher.keys() & {"preset", "method"}
+            own = {} if chosen else Pipeline(calibration, alignment=False, **given).matcher_parameters
             defaults = {"num_disparities": default_disparities(width)}
-            given["matcher"] = StereoMatcher(**{**defaults, **self.matcher})
+            given["matcher"] = StereoMatcher(**{**own, **defaults, **self.matcher})
         return Pipeline(calibration, alignment=False, **given)
 
 
