@@ -197,12 +197,31 @@ def _print(args: argparse.Namespace, tables: dict[str, list[Row]], dense: int, l
         "columns": f"nearest return of each column, {dense} scenes: off by more than 2 px, % of columns",
         "road": f"obstacles up to 25 m on streets, {laser} frames",
         "regions": f"nearest range of regions, {laser} frames: error %",
-        "ground": "the ground over a drive: how far frames are from its median; height %, angles in degrees",
     }
     for name, rows in tables.items():
+        if name == "ground":
+            _print_grounds(rows)
+            continue
         columns = tuple(rows[0][2])
         print_table(
             titles[name],
             ("", "scenes", *(column.removesuffix("_m").replace("_off", "").replace("_", " ") for column in columns)),
             [(method, group, *figures.values()) for method, group, figures in rows],
         )
+
+
+def _print_grounds(rows: Sequence[Row]) -> None:
+    """A line for each quantity: side by side they are wider than any terminal."""
+    quantities = {"height": "height %", "pitch": "pitch deg", "pitch_less_nod": "less nodding", "roll": "roll deg"}
+    lines: list[tuple[object, ...]] = []
+    for method, drive, figures in rows:
+        first: tuple[object, ...] = (method, drive, figures["found"], figures.get("camera_height_m", float("nan")))
+        for quantity, title in quantities.items():
+            off = [figures.get(f"{quantity}_off_{of}", float("nan")) for of in ("median", "p90", "worst")]
+            lines.append((*first, title, *off))
+            first = ("",) * 4
+    print_table(
+        "the ground over a drive: how far frames are from its median",
+        ("", "drive", "found %", "camera m", "", "median", "90th", "worst"),
+        lines,
+    )
