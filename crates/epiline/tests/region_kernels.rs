@@ -218,8 +218,8 @@ fn windows_are_taken_from_near_to_far() {
     let (width, bins, support) = (83, 24, 30);
     // In every third column a surface whose near tail grows from bin to bin.
     let mut pixel = |bin: usize, x: usize| {
-        let tail = if x % 3 == 0 { 2.0 * 1.4_f64.powi((bins + 2 - bin) as i32) } else { 0.0 };
-        (tail as u32).min(10_000) + random.below(28) as u32 / if x % 3 == 0 { 9 } else { 1 }
+        let tail = if x.is_multiple_of(3) { 2.0 * 1.4_f64.powi((bins + 2 - bin) as i32) } else { 0.0 };
+        (tail as u32).min(10_000) + random.below(28) as u32 / if x.is_multiple_of(3) { 9 } else { 1 }
     };
     let pixels: Vec<Vec<u32>> =
         (0..bins + 3).map(|bin| (0..width).map(|x| pixel(bin, x)).collect()).collect();

@@ -7,7 +7,7 @@
 //!            as a line with few corners
 //! parts    = outlines cut where they recede: a box beside a wall is not the wall, two faces of a box are one
 //! measure each part from its outline; keep what is large and high enough
-//! drop low ones that lie in the ground
+//! drop low ones that are the ground itself
 //! sort by range
 //! ```
 
@@ -15,11 +15,11 @@ use std::sync::Arc;
 
 use super::cells::Cells;
 use super::columns::{ColumnReader, Peak};
+use super::footing::Footing;
 use super::measure::Part;
 use super::paper::BrightClusters;
 use super::polyline::{Outliner, Point};
-use super::rise::Rise;
-use super::standing::{Standing, lies};
+use super::standing::Standing;
 use super::{Obstacle, ObstacleMethod, ObstacleParams};
 use crate::error::Result;
 use crate::ground::GroundPlane;
@@ -47,10 +47,6 @@ const RECESS_M: f64 = 0.08;
 /// A plane that passes the camera at less than this, metres, is none: matching windows that see both of two surfaces lie
 /// between them.
 const STEEPEST_M: f64 = 0.2;
-/// What rises by less than this share of a step from the ground before it is the ground.
-const LEAST_RISE: f64 = 0.4;
-/// What is not higher than this, metres, may be the ground, where that is no plane.
-const LOW_M: f64 = 0.4;
 
 /// No peak.
 const NONE: usize = usize::MAX;
@@ -74,7 +70,7 @@ pub struct ObstacleFinder {
     fitted_px: Vec<f64>,
     parts: Vec<(usize, usize)>,
     part: Part,
-    rise: Rise,
+    footing: Footing,
     bright: BrightClusters,
     spare_lists: Vec<Vec<Arc<str>>>,
 }
@@ -157,17 +153,12 @@ impl ObstacleFinder {
                 let Some(found) = self.part.measure(peaks, points, outliner, geometry, ground, params) else {
                     continue;
                 };
-                if ground.is_some_and(|ground| lies(&found, peaks, disparity, ground, params)) {
-                    continue;
+                let footing = &mut self.footing;
+                if !ground.is_some_and(|ground| {
+                    footing.is_ground(&found, peaks, disparity, geometry, ground, params)
+                }) {
+                    out.extend(found.in_regions(regions, &mut self.spare_lists));
                 }
-                if let Some(ground) = ground
-                    && found.height_m < LOW_M
-                    && let Some(rise_m) = self.rise.measure(peaks, disparity, geometry, ground)
-                    && rise_m < LEAST_RISE * params.step_m
-                {
-                    continue;
-                }
-                out.extend(found.in_regions(regions, &mut self.spare_lists));
             }
         }
     }

@@ -10,10 +10,10 @@
 mod cells;
 mod columns;
 mod finder;
+mod footing;
 mod measure;
 mod paper;
 mod polyline;
-mod rise;
 mod standing;
 
 use std::sync::Arc;

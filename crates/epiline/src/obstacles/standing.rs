@@ -10,20 +10,14 @@
 //!
 //! where the margin keeps the ground's noise out.
 
-use super::columns::Peak;
-use super::{Obstacle, ObstacleParams};
+use super::ObstacleParams;
 use crate::ground::GroundPlane;
-use crate::matching::{DisparityMap, Validity};
+use crate::matching::DisparityMap;
 use crate::rectification::RectifiedGeometry;
 
 /// Fractions of a pixel of the plane's disparity in whole numbers, and how many more while a row is walked along.
 const FRACTION_BITS: u32 = 8;
 const WALK_BITS: u32 = 12;
-/// Disparities closer than this are those of one thing, px.
-const SAME_PX: f64 = 0.75;
-/// Of what is under the ground, more than this share of what is over it makes a patch of floor: windows that see the
-/// foot of a thing carry it a little down.
-const UNDER_SHARE: f64 = 0.5;
 
 /// The table for one frame; keeps its memory.
 #[derive(Debug, Clone, Default)]
@@ -111,44 +105,6 @@ impl Standing {
     pub fn holds(&self, raw: u16, plane: i32) -> bool {
         self.intervals[usize::from(raw)].contains(plane)
     }
-}
-
-/// Whether something low is a patch of the floor, matched at one disparity: as much of it lies under the ground as over
-/// it, where what stands on the ground ends.
-pub(super) fn lies(
-    found: &Obstacle,
-    peaks: &[Peak],
-    disparity: &DisparityMap,
-    ground: &GroundPlane,
-    params: &ObstacleParams,
-) -> bool {
-    if found.height_above_ground_m.is_none_or(|above_m| above_m >= ObstacleParams::LOW_M) {
-        return false;
-    }
-    let margin_px = ObstacleParams::MARGIN_SIGMAS * params.disparity_sigma_px;
-    let row_px = ground.plane_px(0.0, 1.0) - ground.plane_px(0.0, 0.0);
-    let (mut under, mut over) = (0, 0);
-    for peak in peaks {
-        let x = peak.column as f64;
-        let height_m = |y: f64| ground.height_m(x, y, peak.disparity_px);
-        // Heights of one disparity are linear in rows.
-        let foot = height_m(0.0) / (height_m(0.0) - height_m(1.0));
-        let top = peak.top as f64;
-        let pixels = |first: f64, last: f64| {
-            let rows =
-                (first.max(0.0).ceil() as usize)..((last + 1.0).max(0.0) as usize).min(disparity.height());
-            rows.filter(|&y| {
-                let seen_px =
-                    f64::from(disparity.values.row(y)[peak.column]) / f64::from(DisparityMap::SCALE);
-                Validity::has_value(disparity.validity.row(y)[peak.column])
-                    && (seen_px - peak.disparity_px).abs() < SAME_PX
-            })
-            .count()
-        };
-        over += pixels(top, foot - margin_px / row_px);
-        under += pixels(foot + margin_px / row_px, 2.0 * foot - top);
-    }
-    under as f64 > UNDER_SHARE * over as f64
 }
 
 /// Between which disparities of the plane something of a disparity stands in the way.

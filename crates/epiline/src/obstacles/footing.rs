@@ -1,14 +1,20 @@
-//! Whether something low rises from the ground before it, or is the ground itself.
+//! Whether something low stands on the ground, or is the ground itself.
 //!
 //! No plane with a profile is quite the ground: roads are crowned, lawns slope. What is a step higher than it may be
 //! reached without one. So the front of something low is held against what is seen of the ground just before it, in the
-//! same columns.
+//! same columns. And floors of little texture are matched at one disparity over some rows: half of such a patch lies
+//! under the ground.
 
 use super::columns::Peak;
+use super::{Obstacle, ObstacleParams};
 use crate::ground::GroundPlane;
 use crate::matching::DisparityMap;
 use crate::rectification::RectifiedGeometry;
 
+/// What is higher than this, metres, is no ground.
+const LOW_M: f64 = 0.4;
+/// What rises by less than this share of a step from the ground before it is the ground.
+const LEAST_RISE: f64 = 0.4;
 /// Pixels of the front differ from its disparity by no more than this, px.
 const FRONT_PX: f64 = 1.0;
 /// The ground before it: so much nearer at least, metres and px (the matcher's window sees the edge itself at less), and
@@ -19,18 +25,40 @@ const MOST_BEFORE: (f64, f64) = (0.6, 4.0);
 const SLOPE: f64 = 0.045;
 /// Columns in which both must be seen, as a share.
 const SHARE_SEEN: f64 = 0.4;
+/// Disparities closer than this are those of one thing, px.
+const SAME_PX: f64 = 0.75;
+/// Of what is under the ground, more than this share of what is over it makes a patch of floor: windows that see the
+/// foot of a thing carry it a little down.
+const UNDER_SHARE: f64 = 0.5;
 
-/// Measures rises; keeps its memory.
+/// Judges low things; keeps its memory.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Rise {
+pub(super) struct Footing {
     before_m: Vec<f64>,
     rises_m: Vec<f64>,
 }
 
-impl Rise {
+impl Footing {
+    /// Whether what was found is a part of the ground.
+    pub fn is_ground(
+        &mut self,
+        found: &Obstacle,
+        peaks: &[Peak],
+        disparity: &DisparityMap,
+        geometry: &RectifiedGeometry,
+        ground: &GroundPlane,
+        params: &ObstacleParams,
+    ) -> bool {
+        is_patch(found, peaks, disparity, ground, params)
+            || found.height_m < LOW_M
+                && self
+                    .rise_m(peaks, disparity, geometry, ground)
+                    .is_some_and(|rise_m| rise_m < LEAST_RISE * params.step_m)
+    }
+
     /// By how much the top of the front stands over the ground before it, less what ground may rise by itself, metres, in
     /// the middle of its columns; `None` where too few of them see that ground.
-    pub fn measure(
+    fn rise_m(
         &mut self,
         peaks: &[Peak],
         disparity: &DisparityMap,
@@ -76,6 +104,42 @@ impl Rise {
         }
         (!self.before_m.is_empty()).then(|| height_m(front, front_px) - median(&mut self.before_m))
     }
+}
+
+/// Whether something low is a patch of the floor, matched at one disparity: as much of it lies under the ground as over
+/// it, where what stands on the ground ends.
+fn is_patch(
+    found: &Obstacle,
+    peaks: &[Peak],
+    disparity: &DisparityMap,
+    ground: &GroundPlane,
+    params: &ObstacleParams,
+) -> bool {
+    if found.height_above_ground_m.is_none_or(|above_m| above_m >= ObstacleParams::LOW_M) {
+        return false;
+    }
+    let margin_px = ObstacleParams::MARGIN_SIGMAS * params.disparity_sigma_px;
+    let row_px = ground.plane_px(0.0, 1.0) - ground.plane_px(0.0, 0.0);
+    let (mut under, mut over) = (0, 0);
+    for peak in peaks {
+        let x = peak.column as f64;
+        let height_m = |y: f64| ground.height_m(x, y, peak.disparity_px);
+        // Heights of one disparity are linear in rows.
+        let foot = height_m(0.0) / (height_m(0.0) - height_m(1.0));
+        let top = peak.top as f64;
+        let pixels = |first: f64, last: f64| {
+            let rows =
+                (first.max(0.0).ceil() as usize)..((last + 1.0).max(0.0) as usize).min(disparity.height());
+            rows.filter(|&y| {
+                let seen_px = disparity.at(peak.column, y).map(f64::from);
+                seen_px.is_some_and(|seen_px| (seen_px - peak.disparity_px).abs() < SAME_PX)
+            })
+            .count()
+        };
+        over += pixels(top, foot - margin_px / row_px);
+        under += pixels(foot + margin_px / row_px, 2.0 * foot - top);
+    }
+    under as f64 > UNDER_SHARE * over as f64
 }
 
 /// The upper median; at least one value.
