@@ -63,7 +63,7 @@ def add_matcher_arguments(parser: argparse.ArgumentParser) -> None:
         "--preset",
         choices=PRESETS,
         help="block matching, or semi-global over three or four paths, each with all tests (default fast; of run: "
-        "fast without costs from half the resolution)",
+        "fast with a larger window and fewer costs from half the resolution)",
     )
     how.add_argument("--method", choices=METHODS, help="instead of a preset: a method with its defaults, without tests")
     group.add_argument(
