@@ -39,8 +39,7 @@ def run(args: argparse.Namespace) -> None:
             tables["columns"] = _columns(dense, presets, args.threads, advance)
         if laser:
             settings = _settings(args.preset)
-            tables["road"] = _road(laser, settings, args.threads, advance)
-            tables["regions"] = _regions(laser, settings, args.threads, advance)
+            tables["road"], tables["regions"] = _laser(laser, settings, args.threads, advance)
         if drives:
             tables["ground"] = _grounds(drives, presets, args.threads, advance)
     _print(args, tables, len(dense), len(laser))
@@ -110,33 +109,24 @@ def _settings(presets: Sequence[str] | None) -> list[Setting]:
     return [Setting("the pipeline's own", own), *chosen]
 
 
-def _road(
+def _laser(
     scenes: Sequence[Scene], settings: Sequence[Setting], threads: int | None, advance: Callable[[], object]
-) -> list[Row]:
-    from epiline.evaluation.obstacles.road import score_road
+) -> tuple[list[Row], list[Row]]:
+    """The obstacles and the regions of each map, which is matched once."""
+    from epiline.evaluation.obstacles.regions import compare, kitti_geometry
+    from epiline.evaluation.obstacles.road import compare_road
 
-    rows: list[Row] = []
+    road: list[Row] = []
+    regions: list[Row] = []
     for setting in settings:
-        frames = []
+        scores, frames = [], []
         for scene in scenes:
-            frames.append(score_road(scene, setting, threads))
+            disparity = setting.map(scene.left, scene.right, scene.num_disparities, threads)
+            truth, geometry = np.asarray(scene.truth, float), kitti_geometry(scene)
+            scores.append(compare_road(disparity, truth, geometry))
+            frames.append(compare(disparity, truth, geometry))
             advance()
-        for group, members in _halves(frames):
-            rows.append((setting.name, group, sum(members[1:], members[0]).figures()))
-    return rows
-
-
-def _regions(
-    scenes: Sequence[Scene], settings: Sequence[Setting], threads: int | None, advance: Callable[[], object]
-) -> list[Row]:
-    from epiline.evaluation.obstacles.regions import score_regions
-
-    rows: list[Row] = []
-    for setting in settings:
-        frames = []
-        for scene in scenes:
-            frames.append(score_regions(scene, setting, threads))
-            advance()
+        road += [(setting.name, group, sum(of[1:], of[0]).figures()) for group, of in _halves(scores)]
         for group, members in _halves(frames):
             counts = {
                 "silent": float(sum(frame.silent for frame in members)),
@@ -150,9 +140,9 @@ def _regions(
             ):
                 errors = [sample.error for sample in samples]
                 on_seen = [error for error, flag in zip(errors, seen, strict=True) if flag]
-                rows.append((setting.name, f"{group}, {name}", {**_errors(errors), **counts}))
-                rows.append((setting.name, f"{group}, {name}, seen", {**_errors(on_seen), **counts}))
-    return rows
+                regions.append((setting.name, f"{group}, {name}", {**_errors(errors), **counts}))
+                regions.append((setting.name, f"{group}, {name}, seen", {**_errors(on_seen), **counts}))
+    return road, regions
 
 
 def _errors(errors: Sequence[float]) -> dict[str, float]:

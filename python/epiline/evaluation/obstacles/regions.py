@@ -23,7 +23,6 @@ from epiline._core import DisparityMap, RectifiedGeometry, Region, RegionProfile
 from epiline.evaluation.obstacles.scoring import RangeSample
 from epiline.evaluation.obstacles.truth import SUPPORT_PX, Floats
 from epiline.evaluation.scenes import Scene
-from epiline.evaluation.settings import Setting
 from epiline.sources.rendered import nearest_supported
 from epiline.sources.rendered.truth import SURFACE_DEPTH_SHARE
 
@@ -72,12 +71,6 @@ def region_boxes(width: int, height: int) -> Iterator[Region]:
         for third in range(3):
             x = band.x + third * band.width // 3
             yield Region(f"{band.name}/{third}", x=x, y=band.y, width=band.width // 3, height=band.height)
-
-
-def score_regions(scene: Scene, setting: Setting, threads: int | None) -> FrameRanges:
-    """The regions of one frame with a laser's truth."""
-    disparity = setting.map(scene.left, scene.right, scene.num_disparities, threads)
-    return compare(disparity, np.asarray(scene.truth, float), kitti_geometry(scene))
 
 
 def kitti_geometry(scene: Scene) -> RectifiedGeometry:

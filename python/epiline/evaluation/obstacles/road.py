@@ -14,10 +14,7 @@ import numpy as np
 
 from epiline._core import DisparityMap, GroundEstimator, GroundPlane, Obstacle, RectifiedGeometry, find_obstacles
 from epiline.evaluation.obstacles.columns import nearest_supported_px
-from epiline.evaluation.obstacles.regions import kitti_geometry
 from epiline.evaluation.obstacles.truth import SUPPORT_PX, Floats
-from epiline.evaluation.scenes import Scene
-from epiline.evaluation.settings import Setting
 
 # Columns of a band: the laser's rows are too far apart for single columns.
 _BAND_PX = 8
@@ -61,12 +58,6 @@ class RoadScore:
             "false": 100 * self.false / max(self.judged, 1),
             "grounds": self.grounds,
         }
-
-
-def score_road(scene: Scene, setting: Setting, threads: int | None) -> RoadScore:
-    """The obstacles of one frame with a laser's truth."""
-    disparity = setting.map(scene.left, scene.right, scene.num_disparities, threads)
-    return compare_road(disparity, np.asarray(scene.truth, float), kitti_geometry(scene))
 
 
 def compare_road(disparity: DisparityMap, truth: Floats, geometry: RectifiedGeometry) -> RoadScore:
